@@ -8,6 +8,8 @@ point, its direction, and two numbers: radius and tube radius, or radius at the 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from completion.fitting.limits import MOST_CONDITION
@@ -43,7 +45,7 @@ def row_of(surface: Surface) -> tuple[int, FloatArray]:
 
 
 @inlined
-def _look(kind: int, row: FloatArray, place: FloatArray) -> float:
+def _look(kind: int, row: FloatArray, place: FloatArray) -> Any:
     """Signed distance of a place (3,) from a surface."""
     x, y, z = place[0] - row[0], place[1] - row[1], place[2] - row[2]
     height = x * row[3] + y * row[4] + z * row[5]
@@ -86,7 +88,7 @@ def _frame(kind: int, row: FloatArray, frame: FloatArray) -> None:
 
 
 @inlined
-def _rows(kind: int, row: FloatArray, x: float, y: float, z: float, gradient: FloatArray) -> float:
+def _rows(kind: int, row: FloatArray, x: float, y: float, z: float, gradient: FloatArray) -> Any:
     """Write the derivatives (k,) of the residual at a place of the chart; the residual is returned."""
     if kind == _PLANE:
         gradient[0], gradient[1], gradient[2] = 1.0, x, y
@@ -221,7 +223,7 @@ def _scaled(
     row[6] /= scale
     if kind == _TORUS:
         row[7] /= scale
-    if kind == _CYLINDER or kind == _CONE:
+    if kind in (_CYLINDER, _CONE):
         along = -(row[:3] * row[3:6]).sum()
         row[:3] += along * row[3:6]
         row[6] += along * np.tan(row[7])
@@ -292,7 +294,7 @@ def adjusted(
     if not np.isfinite(covariance).all() or (kind != _PLANE and max(1.0, row[6]) > most_size):
         return False, row, covariance
     values, vectors = np.linalg.eigh(covariance)
-    if kind >= _CYLINDER and row[6] <= 0 or (kind == _CONE and row[7] == 0):
+    if (kind >= _CYLINDER and row[6] <= 0) or (kind == _CONE and row[7] == 0):
         return False, row, covariance
     if kind == _TORUS and row[7] >= row[6]:
         return False, row, covariance
@@ -304,4 +306,4 @@ def adjusted(
     row[:3] = centre + scale * row[:3]
     row[6] *= scale
     row[7] *= scale if kind == _TORUS else -1.0
-    return np.isfinite(covariance).all(), row, covariance
+    return bool(np.isfinite(covariance).all()), row, covariance

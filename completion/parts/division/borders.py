@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.division.adjusting import N_PARAMETERS
 from completion.parts.division.faces import fitted_face
-from completion.parts.division.growing import N_PARAMETERS
 from completion.parts.division.limits import APART, LEAST_INSIDE
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import BoolArray, FloatArray, IntArray

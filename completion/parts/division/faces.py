@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 
 from completion.fitting.euclidean import fit_euclidean, fit_plane
 from completion.fitting.result import FitError, SurfaceFit, inflated
-from completion.parts.division.growing import N_PARAMETERS, refine_surface
+from completion.parts.division.adjusting import N_PARAMETERS
+from completion.parts.division.growing import refine_surface
 from completion.parts.division.labelling import pieces_of
 from completion.parts.division.limits import CUT, NEARLY_ALL
 from completion.parts.division.neighbourhoods import Neighbourhoods

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from completion.parts.division.adjusting import KINDS
 from completion.parts.division.growing import (
     GAIN,
-    KINDS,
     GrownRegion,
     likely,
     parameter_cost,

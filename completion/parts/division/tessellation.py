@@ -18,13 +18,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from completion.parts.division import limits
-from completion.parts.division.growing import (
-    N_PARAMETERS,
-    hypotheses,
-    reachable,
-    refine_surface,
-    walked,
-)
+from completion.parts.division.adjusting import N_PARAMETERS
+from completion.parts.division.growing import hypotheses, reachable, refine_surface, walked
 from completion.parts.division.patches import Patches, most_turn, patches_of, ranges
 from completion.parts.division.whole_faces import join_slivers, whole_faces
 from scenes.checks import BoolArray, FloatArray, IntArray
