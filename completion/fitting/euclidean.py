@@ -105,15 +105,12 @@ def polish_chart(
     what: str,
     n_steps: int = _MOST_STEPS,
     damped: bool = True,
-    *,
-    still: float = 1e-15,
 ) -> tuple[Chart, Normal, bool]:
     """Step until rounding: the chart, its normal equations, and whether it stands still.
 
     Gauss-Newton steps while they lower the sum of squares, Levenberg's damping where one does not. Large
     residuals slow Gauss-Newton down to linear convergence; there successive steps are parallel and their sum
     is taken at once (Aitken). Undamped, every step is taken and one that leaves no surface raises FitError.
-    A step of less than `still` is the last, in units of the chart.
     """
     here = normal_equations(chart, cloud)
     damping, before, stalled, last = 0.0, np.inf, 0, np.zeros(chart.n_parameters)
@@ -135,7 +132,7 @@ def polish_chart(
                 return chart, here, False
             continue
         chart, here, damping = trial, there, 0.0 if damping < 1e-2 else damping / 10
-        if moved < still:
+        if moved < 1e-15:
             return chart, here, True
         stalled = stalled + 1 if moved < 1e-11 and moved >= 0.9 * before else 0
         if stalled >= 3:
