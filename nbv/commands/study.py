@@ -9,11 +9,30 @@ from typing import Any
 from nbv.commands.options import Shared, StudyOptions
 from nbv.commands.process import Run, start_run
 from nbv.report.figures.plots import on_white
+from nbv.report.scan_study_report import millimetres, scan_study_page
 from nbv.report.study_report import spread, study_page
-from nbv.run.wording import count
+from nbv.run.wording import count, percent
 from nbv.run.workers import workers_of
-from nbv.study.pipeline import Outcome, check_results, groups_of, run_study, write_results
-from nbv.study.spec import StudySpec, common_share, read_study
+from nbv.study.pipeline import (
+    Columns,
+    Outcome,
+    Rows,
+    check_results,
+    groups_of,
+    run_study,
+    write_results,
+    write_tables,
+)
+from nbv.study.scan_results import (
+    CLASS_COLUMNS,
+    SCAN_COLUMNS,
+    SET_COLUMNS,
+    SURFACE_COLUMNS,
+    class_rows,
+    results_of,
+)
+from nbv.study.scans import run_scan_study
+from nbv.study.spec import ScanStudySpec, StudySpec, common_share, read_study
 from scenes.run.atomic import write_bytes
 
 
@@ -24,7 +43,12 @@ def run_study_file(shared: Shared, asked: StudyOptions) -> None:
         run.watch.enter("load")
         spec = read_study(file)
         run.read([file, *(scene.scene for scene in spec.scenes), *(sensor.sensor for sensor in spec.sensors)])
+        if isinstance(spec, ScanStudySpec):
+            run.read([poses.file for poses in spec.poses if poses.file is not None])
         check_results(spec.results)
+        if isinstance(spec, ScanStudySpec):
+            _run_scans(run, spec, asked)
+            return
         with workers_of(asked.scheduler, shared.threads) as workers:
             outcomes = run_study(
                 spec, run.out / "plans", first_seed=shared.seed, workers=workers, progress=run.progress
@@ -48,13 +72,49 @@ def _write(
     run.report(page, options)
 
 
-def _options(spec: StudySpec) -> dict[str, Any]:
+def _run_scans(run: Run, spec: ScanStudySpec, asked: StudyOptions) -> None:
+    """Run a study of scans and write its records, scans, tables, plots and report."""
+    with workers_of(asked.scheduler, run.shared.threads) as workers:
+        sets = run_scan_study(
+            spec, run.out, first_seed=run.shared.seed, workers=workers, progress=run.progress
+        )
+    run.watch.enter("report")
+    results = results_of(spec, sets)
+    cases = [case for one in sets for case in one.scans.scans]
+    run.kept.update({f"records/{case.name}.json": run.out / f"records/{case.name}.json" for case in cases})
+    run.kept.update({f"scans/{case.file.name}": case.file for case in cases if case.file})
+    tables: dict[str, tuple[Rows, Columns]] = {
+        "results": ([result.row for result in results], SET_COLUMNS),
+        "scans": ([row for result in results for row in result.scans], SCAN_COLUMNS),
+        "errors": (list(class_rows(results)), CLASS_COLUMNS),
+        "surfaces": ([row for result in results for row in result.surfaces], SURFACE_COLUMNS),
+    }
+    write_tables(tables, run.stage.folder, spec.results)
+    page, plots = scan_study_page(spec, results, Path(asked.file).stem)
+    for name, plot in plots.items():
+        write_bytes(run.path(f"plots/{name}.png"), on_white(plot))
+    options = _options(spec)
+    run.report(page, options)
+    rows = [result.row for result in results]
+    summary = {"sets": rows, "scans": len(cases), "failed": sum(bool(row["error"]) for row in rows)}
+    lines = [
+        f"{row['scene']}, {row['sensor']}, {row['poses']}, {row['requirement']}: "
+        f"{count(row['scans'], 'scan')}, sd {millimetres(row['sd_m']) or '-'} mm, "
+        f"{percent(row['met'])} % of the area measured as required"
+        for row in rows
+    ]
+    run.finish(options, summary, lines)
+
+
+def _options(spec: StudySpec | ScanStudySpec) -> dict[str, Any]:
     """Return the study for manifest and report, files by name."""
     content = spec.model_dump(exclude_defaults=True, exclude={"title", "description", "name"})
-    for kind, key in (("scenes", "scene"), ("sensors", "sensor")):
+    for kind, key in (("scenes", "scene"), ("sensors", "sensor"), ("poses", "file")):
         content[kind] = [
             {**entry.model_dump(exclude_defaults=True), key: Path(getattr(entry, key)).name}
-            for entry in getattr(spec, kind)
+            if getattr(entry, key) is not None
+            else entry.model_dump(exclude_defaults=True)
+            for entry in getattr(spec, kind, ())
         ]
     return {**content, "seeds": list(spec.seeds)}
 

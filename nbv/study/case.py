@@ -6,23 +6,25 @@ from __future__ import annotations
 import hashlib
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
 from nbv.plan.planning import plan_views
 from nbv.run.manifest import sha256_of, versions
+from nbv.run.workers import Work, Workers
 from nbv.scanning.sensor import Sensor, chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
 from nbv.visibility.candidates import Standing, find_standing, restrict_to_rooms, samples_that_count
 from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.visibility import Progress
 from scenes.checks import InputError
 from scenes.io.checks.documents import read_json
 from scenes.io.scene_files import open_scene
@@ -82,7 +84,7 @@ def cases_of(spec: StudySpec, first_seed: int = 0) -> tuple[Case, ...]:
     InputError
         A scene or sensor that cannot be used, or errors that a requirement asks for and a sensor lacks.
     """
-    scenes = [(entry, _identity(entry)) for entry in spec.scenes]
+    scenes = [(entry, identity_of(entry)) for entry in spec.scenes]
     sensors = [(entry, load_sensor(entry.sensor)) for entry in spec.sensors]
     for (entry, sensor), asked in product(sensors, spec.requirements):
         gate = (sensor.min_range_m, sensor.max_range_m)
@@ -103,7 +105,7 @@ def cases_of(spec: StudySpec, first_seed: int = 0) -> tuple[Case, ...]:
         }
         key = hashlib.sha256(json_text(made_of, indent=None).encode()).hexdigest()
         parts = [entry.label for entry in (scene[0], sensor_[0], asked, planner)]
-        name = "-".join([*map(_slug, parts), f"seed{first_seed + seed}", key[:8]])
+        name = "-".join([*map(slug, parts), f"seed{first_seed + seed}", key[:8]])
         cases.append(
             Case(
                 name=name,
@@ -119,13 +121,14 @@ def cases_of(spec: StudySpec, first_seed: int = 0) -> tuple[Case, ...]:
     return tuple(cases)
 
 
-def _identity(entry: SceneEntry) -> str:
+def identity_of(entry: SceneEntry) -> str:
     """Return what stands for a scene's content, after seeing that it opens."""
     open_scene(entry.scene, up=entry.up, units=entry.units, mode=entry.mode)
     return entry.scene if entry.is_builtin else sha256_of(Path(entry.scene))
 
 
-def _slug(label: str) -> str:
+def slug(label: str) -> str:
+    """Return a label as part of a file's name."""
     return _SLUG.sub("_", label.lower())[:_LONGEST].strip("_") or "x"
 
 
@@ -140,7 +143,8 @@ class CaseSetting:
 
 
 @lru_cache(maxsize=1)  # neighbours in the list of cases are of the same scene and sensor
-def _load_setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> CaseSetting:
+def load_setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> CaseSetting:
+    """Return the scene and sensor of entries, opened, with its samples; the last ones are kept."""
     world = open_scene(scene.scene, up=scene.up, units=scene.units, mode=scene.mode)
     device = load_sensor(sensor.sensor)
     standing = find_standing(world, device, mode=scene.mode, subdivisions=sampling.subdivisions)
@@ -179,7 +183,7 @@ def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
 
 
 def _plan_case(case: Case, n_threads: int | None) -> Any:
-    setting, planner = _load_setting(case.scene, case.sensor, case.sampling), case.planner
+    setting, planner = load_setting(case.scene, case.sensor, case.sampling), case.planner
     steps = planner.polish_steps
     return plan_views(
         setting.scene,
@@ -200,8 +204,17 @@ def _plan_case(case: Case, n_threads: int | None) -> Any:
     )
 
 
+class StudyCase(Protocol):
+    """A piece of a study: its name in files, and the hash of all that its result depends on."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def key(self) -> str: ...  # noqa: D102
+
+
 class PlanArchive:
-    """Plans of a study in a folder, which is made where it is not there.
+    """Records of a study's cases in a folder, which is made where it is not there.
 
     Parameters
     ----------
@@ -217,23 +230,23 @@ class PlanArchive:
     def __init__(self, folder: Path) -> None:
         self.folder = make_folder(folder)
 
-    def path(self, case: Case) -> Path:
-        """Return where the plan of a case is, or will be."""
+    def path(self, case: StudyCase) -> Path:
+        """Return where the record of a case is, or will be."""
         return self.folder / f"{case.name}.json"
 
-    def holds(self, case: Case) -> bool:
-        """Tell whether the complete plan of this very case is there."""
+    def holds(self, case: StudyCase) -> bool:
+        """Tell whether the complete record of this very case is there."""
         try:
             self.read(case)
         except InputError:
             return False
         return True
 
-    def keep(self, case: Case, record: Mapping[str, Any]) -> None:
+    def keep(self, case: StudyCase, record: Mapping[str, Any]) -> None:
         """Write the record of a case, whole or not at all, without its times: they differ from run to run."""
         write_json(self.path(case), {name: value for name, value in record.items() if name != "times"})
 
-    def read(self, case: Case) -> dict[str, Any]:
+    def read(self, case: StudyCase) -> dict[str, Any]:
         """Return the record of a case.
 
         Raises
@@ -244,5 +257,34 @@ class PlanArchive:
         file = self.path(case)
         record = read_json(file, dict)
         if record.get("key") != case.key:
-            raise InputError(f"{file}: is not the plan of this case: it was made of something else")
+            raise InputError(f"{file}: is not of this case: it was made of something else")
         return record
+
+
+def do_missing(
+    cases: Sequence[Any],
+    archive: PlanArchive,
+    work: Work[Any, dict[str, Any]],
+    *,
+    workers: Workers,
+    progress: Progress | None = None,
+) -> dict[str, Mapping[str, float]]:
+    """Do the cases whose records are not there; return the times of what was done, by name.
+
+    Records are kept as they come, so that a run that dies loses what was in work alone. `progress` is called
+    with ("cases", done, total).
+    """
+    missing = [case for case in cases if not archive.holds(case)]
+    done, times = len(cases) - len(missing), dict[str, Mapping[str, float]]()
+
+    def tell() -> None:
+        if progress is not None:
+            progress("cases", done, len(cases))
+
+    tell()
+    for number, record in workers.each(work, missing, [case.key for case in missing]):
+        archive.keep(missing[number], record)
+        times[missing[number].name] = record.get("times", {})
+        done += 1
+        tell()
+    return times

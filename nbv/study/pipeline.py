@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from nbv.run.workers import ThisProcess, Workers
-from nbv.study.case import Case, PlanArchive, cases_of, run_case
+from nbv.study.case import Case, PlanArchive, cases_of, do_missing, run_case
 from nbv.study.spec import StudySpec
 from nbv.visibility.visibility import Progress
 from scenes.checks import FloatArray, InputError
@@ -256,20 +256,8 @@ def run_study(
         planned has an outcome that says why.
     """
     cases, archive = cases_of(spec, first_seed), PlanArchive(folder)
-    missing = [case for case in cases if not archive.holds(case)]
-    done, times = len(cases) - len(missing), dict[str, dict[str, float]]()
-    _tell(progress, done, cases)
-    for number, record in (workers or ThisProcess()).each(run_case, missing, [case.key for case in missing]):
-        archive.keep(missing[number], record)
-        times[missing[number].name] = record.get("times", {})
-        done += 1
-        _tell(progress, done, cases)
+    times = do_missing(cases, archive, run_case, workers=workers or ThisProcess(), progress=progress)
     return tuple(outcome_of(case, archive.read(case), times.get(case.name, {})) for case in cases)
-
-
-def _tell(progress: Progress | None, done: int, cases: tuple[Case, ...]) -> None:
-    if progress is not None:
-        progress("cases", done, len(cases))
 
 
 Rows = Sequence[Mapping[str, Any]]
@@ -287,11 +275,24 @@ def write_results(
     InputError
         The folder cannot be written, or Parquet is asked for and pyarrow is missing.
     """
-    write = _write_csv if kind == "csv" else _write_parquet
-    results, curves = folder / f"results.{kind}", folder / f"curves.{kind}"
-    write([outcome.row() for outcome in outcomes], COLUMNS, results)
-    write([row for outcome in outcomes for row in _curve(outcome)], CURVE_COLUMNS, curves)
-    return results, curves
+    curves = [row for outcome in outcomes for row in _curve(outcome)]
+    tables: dict[str, tuple[Rows, Columns]] = {
+        "results": ([outcome.row() for outcome in outcomes], COLUMNS),
+        "curves": (curves, CURVE_COLUMNS),
+    }
+    first, second = write_tables(tables, folder, kind)
+    return first, second
+
+
+def write_tables(
+    tables: Mapping[str, tuple[Rows, Columns]], folder: Path, kind: Literal["csv", "parquet"]
+) -> tuple[Path, ...]:
+    """Write tables by name, each its rows and columns; return their paths. Raises as `write_results`."""
+    write, paths = (_write_csv if kind == "csv" else _write_parquet), list[Path]()
+    for name, (rows, columns) in tables.items():
+        paths.append(folder / f"{name}.{kind}")
+        write(rows, columns, paths[-1])
+    return tuple(paths)
 
 
 def check_results(kind: Literal["csv", "parquet"]) -> None:

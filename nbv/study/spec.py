@@ -7,9 +7,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
 from nbv.plan.planning import Method
 from nbv.run.plan_options import RequirementOptions, SearchOptions
@@ -21,6 +29,8 @@ from scenes.io.checks.guard import guard_reading, one_line
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+Place = tuple[_Finite, _Finite, _Finite]  # metres, in the scene's frame
 
 
 class Entry(BaseModel):
@@ -151,19 +161,57 @@ class Sampling(BaseModel):
     subdivisions: int = Field(default=1, ge=0, le=3)
 
 
-class StudySpec(Entry):
-    """A study: every scene with every sensor, requirement, planner and seed.
+class PosesEntry(Entry):
+    """Where scans are taken from: a `file`, places `at` that `look` at one or each at its own, or far apart.
+
+    `file` holds poses, a trajectory or a plan.json; `farthest` so many candidates of the scene are chosen,
+    each the farthest from those before it, drawn by the seed.
+    """
+
+    file: str | None = None
+    at: tuple[Place, ...] = ()
+    look: tuple[Place, ...] = ()
+    farthest: int | None = Field(default=None, ge=1, le=10_000)
+
+    @field_validator("at", "look", mode="before")
+    @classmethod
+    def _one_place(cls, given: Any) -> Any:
+        is_one = isinstance(given, list) and bool(given) and not isinstance(given[0], list)
+        return [given] if is_one else given
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        kinds = [self.file is not None, bool(self.at), self.farthest is not None]
+        if sum(kinds) != 1:
+            raise ValueError("give one of file, at (with look) and farthest")
+        if bool(self.at) != bool(self.look) or (len(self.look) > 1 and len(self.look) != len(self.at)):
+            raise ValueError("look is one place, or one for each of at")
+        looks = self.look * len(self.at) if len(self.look) == 1 else self.look
+        if same := [list(place) for place, look in zip(self.at, looks, strict=True) if place == look]:
+            raise ValueError(f"at and look are the same place {same[0]}; a direction needs two")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Its name, or that of the file, or what it is."""
+        if self.name or self.file is not None:
+            return self.name or Path(str(self.file)).stem
+        return f"{len(self.at)} places" if self.at else f"{self.farthest} farthest"
+
+
+class CommonSpec(Entry):
+    """What all studies have: scenes, sensors, requirements and seeds.
 
     Attributes
     ----------
     title, description : str
         For the report.
-    scenes, sensors, requirements, planners : tuple
-        Entries; at least one scene and one planner.
+    scenes, sensors, requirements : tuple
+        Entries; at least one scene.
     seeds : tuple of int
         A number n in the file stands for 0 to n - 1.
     sampling : Sampling
-        What all choose from and are measured on.
+        On what coverage is measured, and from where.
     results : "csv" or "parquet"
         In which format the tables are written.
     """
@@ -173,10 +221,10 @@ class StudySpec(Entry):
     scenes: tuple[SceneEntry, ...] = Field(min_length=1)
     sensors: tuple[SensorEntry, ...] = Field(default=(SensorEntry(),), min_length=1)
     requirements: tuple[RequirementEntry, ...] = Field(default=(RequirementEntry(),), min_length=1)
-    planners: tuple[PlannerEntry, ...] = Field(min_length=1)
     seeds: tuple[Annotated[int, Field(ge=0)], ...] = Field(default=(0,), min_length=1)
     sampling: Sampling = Sampling()
     results: Literal["csv", "parquet"] = "csv"
+    _VARIED: ClassVar[tuple[str, ...]]
 
     @model_validator(mode="before")
     @classmethod
@@ -189,16 +237,48 @@ class StudySpec(Entry):
 
     @model_validator(mode="after")
     def _labels_differ(self) -> Self:
-        for kind in ("scenes", "sensors", "requirements", "planners"):
+        for kind in self._VARIED:
             labels = [entry.label for entry in getattr(self, kind)]
             if twice := {label for label in labels if labels.count(label) > 1}:
                 raise ValueError(f"two {kind} are called {min(twice)!r}: give each a name of its own")
         if len(set(self.seeds)) < len(self.seeds):
             raise ValueError("seeds must differ")
-        kinds = (self.scenes, self.sensors, self.requirements, self.planners, self.seeds)
-        if (n_cases := math.prod(len(kind) for kind in kinds)) > _MOST_CASES:
-            raise ValueError(f"these are {n_cases:,} plans; a study has at most {_MOST_CASES:,}: part it")
+        n_cases = math.prod(len(getattr(self, kind)) for kind in (*self._VARIED, "seeds"))
+        if n_cases > _MOST_CASES:
+            raise ValueError(f"these are {n_cases:,} cases; a study has at most {_MOST_CASES:,}: part it")
         return self
+
+
+class StudySpec(CommonSpec):
+    """A study of plans: every scene with every sensor, requirement, planner (at least one) and seed."""
+
+    kind: Literal["plans"] = "plans"
+    planners: tuple[PlannerEntry, ...] = Field(min_length=1)
+    _VARIED = ("scenes", "sensors", "requirements", "planners")
+
+
+class ScanStudySpec(CommonSpec):
+    """A study of scans: every scene with every sensor, set of poses and seed, judged by every requirement.
+
+    Attributes
+    ----------
+    poses : tuple of PosesEntry
+        Sets of poses; at least one.
+    keep : "none", "npz", "e57" or "laz"
+        As what the scans are kept; none are by default, and each is dropped when its errors are known.
+    complete : bool
+        Whether the scans of each set are completed, and compared with the truth.
+    pose_sd_m, pose_sd_deg : float
+        Standard deviation in each axis of how far the scans are off from where they are said to be.
+    """
+
+    kind: Literal["scans"]
+    poses: tuple[PosesEntry, ...] = Field(min_length=1)
+    keep: Literal["none", "npz", "e57", "laz"] = "none"
+    complete: bool = False
+    pose_sd_m: float = Field(default=0.0, ge=0, le=10.0)
+    pose_sd_deg: float = Field(default=0.0, ge=0, le=30.0)
+    _VARIED = ("scenes", "sensors", "poses", "requirements")
 
 
 def common_share(spec: StudySpec) -> float:
@@ -213,8 +293,8 @@ def common_share(spec: StudySpec) -> float:
     return float(min(_COMPARED, *(planner.target for planner in spec.planners)))
 
 
-def read_study(path: str | Path) -> StudySpec:
-    """Read a study file; files that it names lie in its folder.
+def read_study(path: str | Path) -> StudySpec | ScanStudySpec:
+    """Read a study file; files that it names lie in its folder. A table [study] may hold what is of no table.
 
     Raises
     ------
@@ -223,8 +303,11 @@ def read_study(path: str | Path) -> StudySpec:
     """
     file = Path(path)
     table = read_toml(file)
+    if isinstance(study := table.pop("study", {}), dict):
+        table = {**table, **study}
+    is_of_scans = table.get("kind") == "scans"
     try:
-        spec = StudySpec.model_validate(table)
+        spec = (ScanStudySpec if is_of_scans else StudySpec).model_validate(table)
     except ValidationError as error:
         raise InputError(f"{file}: {one_line(_first_error(error))}") from error
     with guard_reading(file, "a study"):
@@ -257,7 +340,10 @@ def location(parts: Sequence[str | int]) -> str:
     return text
 
 
-def _beside(spec: StudySpec, folder: Path) -> StudySpec:
+Spec = TypeVar("Spec", bound=CommonSpec)
+
+
+def _beside(spec: Spec, folder: Path) -> Spec:
     """Return the study with its files' paths from where we are."""
 
     def absolute(name: str) -> str:
@@ -273,4 +359,10 @@ def _beside(spec: StudySpec, folder: Path) -> StudySpec:
         else entry
         for entry in spec.sensors
     )
-    return spec.model_copy(update={"scenes": scenes, "sensors": sensors})
+    changed: dict[str, Any] = {"scenes": scenes, "sensors": sensors}
+    if isinstance(spec, ScanStudySpec):
+        changed["poses"] = tuple(
+            entry if entry.file is None else entry.model_copy(update={"file": absolute(entry.file)})
+            for entry in spec.poses
+        )
+    return spec.model_copy(update=changed)

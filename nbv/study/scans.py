@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: MIT
+"""Study of scans: simulate every scan that is not known yet, tally its errors, and drop it.
+
+A case is one scan. Its record holds tallies and which samples of the surface it measured, a few kilobytes;
+what a set of scans measured together is summed up from the records of its scans. So no more than one scan is
+in memory, but where a set is completed, which takes all of it at once.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nbv.coverage.measurement import measured_samples
+from nbv.coverage.surface_classes import KnownSurfaces
+from nbv.plan.baselines import farthest_poses
+from nbv.run.manifest import versions
+from nbv.run.workers import ThisProcess, Workers
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import chosen_effects
+from nbv.study.case import CaseSetting, PlanArchive, do_missing, identity_of, load_setting, slug
+from nbv.study.scan_errors import tally_errors
+from nbv.study.spec import PosesEntry, Sampling, ScanStudySpec, SceneEntry, SensorEntry
+from nbv.visibility.visibility import Progress
+from scenes.checks import BoolArray, InputError
+from scenes.io.poses.trajectory import read_poses
+from scenes.io.scan_files import write_scan
+from scenes.mesh.labelled_mesh import triangle_areas
+from scenes.mesh.triangle_distance import distances
+from scenes.pose import Pose
+from scenes.run.atomic import json_text, make_folder
+from scenes.scan.range_image import RangeImage
+
+_RIGHT_M = 0.02  # from the true surface, as of plans with completion
+
+
+@dataclass(frozen=True, slots=True)
+class ScanCase:
+    """One scan of a study; `key` is the SHA-256 of all that its record depends on.
+
+    `true_pose` is where the sensor stood, `pose` where it is said to have stood, rows of 4x4 matrices; `file`
+    is where the scan is kept, if it is.
+    """
+
+    name: str
+    key: str
+    scene: SceneEntry
+    sensor: SensorEntry
+    sampling: Sampling
+    number: int
+    seed: int
+    true_pose: tuple[tuple[float, ...], ...]
+    pose: tuple[tuple[float, ...], ...]
+    file: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ScanSet:
+    """All scans of one scene by one sensor from one entry of poses with one seed."""
+
+    name: str
+    key: str
+    scene: SceneEntry
+    sensor: SensorEntry
+    poses: PosesEntry
+    seed: int
+    scans: tuple[ScanCase, ...]
+
+    def labels(self) -> dict[str, Any]:
+        """Return what the set is of, as columns of the results."""
+        return {
+            "scene": self.scene.label, "sensor": self.sensor.label, "poses": self.poses.label,
+            "seed": self.seed,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetRecords:
+    """A set, the records of its scans, and that of its completion where it was asked for."""
+
+    scans: ScanSet
+    records: tuple[Mapping[str, Any], ...]
+    completed: Mapping[str, Any] | None
+
+
+def sets_of(spec: ScanStudySpec, folder: Path, first_seed: int = 0) -> tuple[ScanSet, ...]:
+    """Return the sets in the order of the study file; all scenes, sensors and files of poses are opened.
+
+    Scans that are kept are written to `folder`.
+
+    Raises
+    ------
+    InputError
+        A scene, sensor or file of poses that cannot be used, errors that a sensor does not have.
+    """
+    sets = list[ScanSet]()
+    contents = {entry: identity_of(entry) for entry in spec.scenes}
+    for scene, sensor, poses, seed in product(spec.scenes, spec.sensors, spec.poses, spec.seeds):
+        setting = load_setting(scene, sensor, spec.sampling)
+        chosen_effects(setting.sensor, sensor.noise)
+        common = {
+            "versions": versions(),
+            "sampling": spec.sampling.model_dump(),
+            "scene": {**scene.model_dump(exclude={"name", "scene"}), "content": contents[scene]},
+            "sensor": {"profile": setting.sensor.to_json(), "noise": sensor.noise},
+            "seed": first_seed + seed,
+        }
+        stem = "-".join(map(slug, (scene.label, sensor.label, poses.label))) + f"-seed{first_seed + seed}"
+        scans = list[ScanCase]()
+        for number, true in enumerate(_poses_of(poses, setting, first_seed + seed), start=1):
+            pose = _misplaced(true, spec, first_seed + seed, number)
+            key = _key(
+                {**common, "number": number, "true": true.matrix.tolist(), "pose": pose.matrix.tolist()}
+            )
+            name = f"{stem}-{number:04d}-{key[:8]}"
+            file = None if spec.keep == "none" else folder / f"{name}.{spec.keep}"
+            scans.append(
+                ScanCase(
+                    name=name, key=key, scene=scene, sensor=sensor, sampling=spec.sampling, number=number,
+                    seed=first_seed + seed, true_pose=_rows(true), pose=_rows(pose), file=file,
+                )
+            )  # fmt: skip
+        key = _key({"scans": [scan.key for scan in scans]})
+        sets.append(
+            ScanSet(
+                name=f"{stem}-{key[:8]}", key=key, scene=scene, sensor=sensor, poses=poses,
+                seed=first_seed + seed, scans=tuple(scans),
+            )
+        )  # fmt: skip
+    return tuple(sets)
+
+
+def _rows(pose: Pose) -> tuple[tuple[float, ...], ...]:
+    """The rows of a pose's matrix."""
+    return tuple(map(tuple, pose.matrix.tolist()))
+
+
+def _key(made_of: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json_text(made_of, indent=None).encode()).hexdigest()
+
+
+def _poses_of(entry: PosesEntry, setting: CaseSetting, seed: int) -> list[Pose]:
+    """The true poses of an entry in a scene."""
+    if entry.file is not None:
+        return list(read_poses(Path(entry.file)))
+    if entry.at:
+        looks = entry.look * len(entry.at) if len(entry.look) == 1 else entry.look
+        return [Pose.looking_at(at, look) for at, look in zip(entry.at, looks, strict=True)]
+    candidates = setting.standing.candidates
+    start = int(np.random.default_rng(seed).integers(candidates.n_poses))
+    chosen = farthest_poses(candidates, start, min(int(entry.farthest or 1), candidates.n_poses))
+    return [candidates.pose(number) for number in chosen]
+
+
+def _misplaced(true: Pose, spec: ScanStudySpec, seed: int, number: int) -> Pose:
+    """Where a scan is said to be: off by what the study says of each axis, by normal numbers."""
+    if spec.pose_sd_m == 0 and spec.pose_sd_deg == 0:
+        return true
+    rng = np.random.default_rng([seed, number, 1])
+    shift, turn = rng.normal(0, spec.pose_sd_m, 3), np.radians(rng.normal(0, spec.pose_sd_deg, 3))
+    rotation = Rotation.from_rotvec(turn).as_matrix() @ true.rotation
+    return Pose.from_parts(rotation, true.translation + shift)
+
+
+def take_scan(case: ScanCase, setting: CaseSetting, n_threads: int | None = None) -> RangeImage:
+    """Return the scan of a case, with truth, where it is said to have been taken.
+
+    Its errors are drawn as `unseen scan --poses` draws them: by the seed and the number of the pose.
+    """
+    true, pose = Pose(np.array(case.true_pose)), Pose(np.array(case.pose))
+    scan = scan_scene(
+        setting.scene, true, setting.sensor, noise=case.sensor.noise,
+        rng=np.random.default_rng([case.seed, case.number]), caster=setting.scene.ray_caster(n_threads),
+        n_threads=n_threads, name=f"view {case.number}",
+    )  # fmt: skip
+    return scan if case.pose == case.true_pose else replace(scan, world_from_sensor=pose)
+
+
+def run_scan(case: ScanCase, n_threads: int | None = None) -> dict[str, Any]:
+    """Take a scan, keep it where it is to be kept, and return its record: tallies, and samples measured."""
+    head = {"case": case.name, "key": case.key, "number": case.number}
+    begin = time.perf_counter(), time.process_time()
+    setting = load_setting(case.scene, case.sensor, case.sampling)
+    try:
+        scan = take_scan(case, setting, n_threads)
+    except InputError as error:
+        return {**head, "error": str(error)}
+    effects = chosen_effects(setting.sensor, case.sensor.noise)
+    tallies = tally_errors(scan, setting.scene, setting.sensor, effects)
+    seen = np.zeros(len(setting.samples), np.bool_)
+    seen[measured_samples(scan, setting.samples)[0]] = True
+    if case.file is not None:
+        make_folder(case.file.parent)
+        write_scan(scan, case.file)
+    return {
+        **head,
+        "pixels": int(scan.ranges.size),
+        "returns": int(scan.valid.sum()),
+        "sigma_m": scan.sigma_m,
+        "tallies": {name: tally.to_json() for name, tally in tallies.items()},
+        "seen": packed(seen),
+        "times": {"seconds": time.perf_counter() - begin[0], "cpu_seconds": time.process_time() - begin[1]},
+    }
+
+
+def run_completion(scans: ScanSet, n_threads: int | None = None) -> dict[str, Any]:
+    """Complete all scans of a set; return which samples it modelled and inferred, and how much is right."""
+    head = {"case": scans.name, "key": scans.key}
+    setting = load_setting(scans.scene, scans.sensor, scans.scans[0].sampling)
+    samples = setting.samples
+    try:
+        known = KnownSurfaces.of(
+            [take_scan(case, setting, n_threads) for case in scans.scans], n_threads=n_threads
+        )
+    except InputError as error:
+        return {**head, "error": str(error)}
+    vertices, faces, _ = known.inferred_mesh()
+    corners = vertices[faces]
+    areas = triangle_areas(corners)
+    right = distances(corners.mean(axis=1), setting.scene.mesh.corners) <= _RIGHT_M
+    return {
+        **head,
+        "modelled": packed(known.on_modelled(samples.points, samples.normals, _RIGHT_M)),
+        "inferred": packed(known.on_inferred(samples.points, samples.normals, _RIGHT_M)),
+        "inferred_m2": float(areas.sum()),
+        "right_m2": float(areas[right].sum()),
+    }
+
+
+def packed(mask: BoolArray) -> str:
+    """Return a mask (n,) as text."""
+    return base64.b64encode(np.packbits(mask).tobytes()).decode("ascii")
+
+
+def unpacked(text: str, n: int) -> BoolArray:
+    """Return the mask (n,) of a text."""
+    bits = np.frombuffer(base64.b64decode(text), np.uint8)
+    return np.asarray(np.unpackbits(bits, count=n), np.bool_)
+
+
+def run_scan_study(
+    spec: ScanStudySpec,
+    folder: Path,
+    *,
+    first_seed: int = 0,
+    workers: Workers | None = None,
+    progress: Progress | None = None,
+) -> tuple[SetRecords, ...]:
+    """Run a study of scans and return the records of each set, in the order of the study file.
+
+    Parameters
+    ----------
+    spec : ScanStudySpec
+        What to scan.
+    folder : Path
+        Keeps `records`, and the `scans` that are kept; what is there already and was made of the same is not
+        made again.
+    first_seed : int
+        Added to every seed of the study.
+    workers : Workers, optional
+        Who scans; this process when not given. The records do not depend on it.
+    progress : callable, optional
+        Called with ("cases", done, total).
+
+    Raises
+    ------
+    InputError
+        What cannot be used; nothing has been scanned then.
+    """
+    sets, archive = sets_of(spec, folder / "scans", first_seed), ScanArchive(folder / "records")
+    workers = workers or ThisProcess()
+    do_missing(
+        [case for one in sets for case in one.scans], archive, run_scan, workers=workers, progress=progress
+    )
+    if spec.complete:
+        do_missing(sets, archive, run_completion, workers=workers, progress=progress)
+    return tuple(
+        SetRecords(
+            one, tuple(archive.read(case) for case in one.scans), archive.read(one) if spec.complete else None
+        )
+        for one in sets
+    )
+
+
+class ScanArchive(PlanArchive):
+    """Records of scans; one whose scan is to be kept counts with its file alone."""
+
+    def holds(self, case: Any) -> bool:
+        """Tell whether the record of this very case is there, and the scan where it is kept."""
+        file = getattr(case, "file", None)
+        return super().holds(case) and (file is None or file.is_file())
