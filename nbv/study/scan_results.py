@@ -154,7 +154,10 @@ def _judged(
         "error": _errors(found),
     }
     surfaces = tuple(_surface_rows(found, setting, asked, {"met": met, **classes}))
-    return SetResult(found, asked, row, tuple(scans), surfaces, tallies, setting.scene.surface_names)
+    return SetResult(
+        found=found, requirement=asked, row=row, scans=tuple(scans), surfaces=surfaces, tallies=tallies,
+        surface_names=setting.scene.surface_names,
+    )  # fmt: skip
 
 
 def _sight(case: ScanCase, setting: CaseSetting, mask: BoolArray) -> tuple[FloatArray, FloatArray]:

@@ -225,6 +225,7 @@ class CommonSpec(Entry):
     sampling: Sampling = Sampling()
     results: Literal["csv", "parquet"] = "csv"
     _VARIED: ClassVar[tuple[str, ...]]
+    _EACH: ClassVar[str]
 
     @model_validator(mode="before")
     @classmethod
@@ -245,7 +246,7 @@ class CommonSpec(Entry):
             raise ValueError("seeds must differ")
         n_cases = math.prod(len(getattr(self, kind)) for kind in (*self._VARIED, "seeds"))
         if n_cases > _MOST_CASES:
-            raise ValueError(f"these are {n_cases:,} cases; a study has at most {_MOST_CASES:,}: part it")
+            raise ValueError(f"these are {n_cases:,} {self._EACH}; a study has at most {_MOST_CASES:,}: part it")
         return self
 
 
@@ -255,6 +256,7 @@ class StudySpec(CommonSpec):
     kind: Literal["plans"] = "plans"
     planners: tuple[PlannerEntry, ...] = Field(min_length=1)
     _VARIED = ("scenes", "sensors", "requirements", "planners")
+    _EACH = "plans"
 
 
 class ScanStudySpec(CommonSpec):
@@ -279,6 +281,7 @@ class ScanStudySpec(CommonSpec):
     pose_sd_m: float = Field(default=0.0, ge=0, le=10.0)
     pose_sd_deg: float = Field(default=0.0, ge=0, le=30.0)
     _VARIED = ("scenes", "sensors", "poses", "requirements")
+    _EACH = "sets of scans"
 
 
 def common_share(spec: StudySpec) -> float:
