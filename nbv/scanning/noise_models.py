@@ -12,7 +12,8 @@ Standard deviations are metres. References:
 * stereo: an error of the disparity d = f b / z is an error z^2 / (f b) of the depth;
 * terrestrial: sigma^2 = a^2 + (b r^2 / (rho cos theta))^2, the second term for the light that comes back;
   a and b are the user's, published ones differ from instrument to instrument;
-* constant plus parts per million of the range, as data sheets state it.
+* constant plus parts per million of the range, and a table by range and reflectivity, as data sheets state
+  them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.checks import FloatArray, check_options
+from scenes.checks import FloatArray, InputError, check_number, check_options
 
 _STEEPEST = np.radians(89.0)  # incidence is clipped here: the formulas have a pole at 90 deg
 _DARKEST = 1e-3  # reflectivity times cosine, below which nothing would come back anyway
@@ -168,6 +169,87 @@ class TerrestrialNoise:
         """Return sqrt(constant_m^2 + (signal_per_m r^2 / (rho cos theta))^2) (...,), metres."""
         light = np.maximum(reflectivity * np.cos(np.clip(incidence, 0.0, _STEEPEST)), _DARKEST)
         return np.hypot(self.constant_m, self.signal_per_m * distance**2 / light)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableNoise:
+    """A data sheet's table: standard deviations at ranges, for surfaces of one or more reflectivities.
+
+    Linear between the entries, along the range and along the light rho cos(theta) that comes back. Beyond
+    the table the noise goes on as `TerrestrialNoise` does: its variance grows with r^4 past the farthest
+    range, and with 1 / (rho cos theta)^2 below the darkest surface, at the rate of the last two entries.
+    It stays what it is nearer than the table and brighter than it, and where there is one entry only.
+
+    Parameters
+    ----------
+    range_m : sequence of float
+        Ranges, metres, rising.
+    reflectivity : sequence of float
+        Share of the light that surfaces scatter, 0..1, rising.
+    sd_m : sequence of sequences of float
+        Metres: one row for each reflectivity, one entry in it for each range.
+
+    Raises
+    ------
+    InputError
+        Lists that do not rise or do not fit each other, impossible values.
+
+    Examples
+    --------
+    >>> noise = TableNoise(range_m=(10, 30), reflectivity=(0.1, 0.9), sd_m=((0.004, 0.008), (0.001, 0.002)))
+    >>> noise.sigma_m(np.array([10.0, 20.0]), np.zeros(2), np.array([0.5, 0.1])).tolist()
+    [0.0025, 0.006]
+    """
+
+    range_m: tuple[float, ...]
+    reflectivity: tuple[float, ...]
+    sd_m: tuple[tuple[float, ...], ...]
+
+    model: ClassVar[str] = "table"
+    acts_on_depth: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        for name, most in (("range_m", np.inf), ("reflectivity", 1.0)):
+            values = getattr(self, name)
+            for value in values:
+                check_number(name, value, 1e-6, most)
+            if not len(values) or not np.all(np.diff(values) > 0):
+                raise InputError(f"{name} must be numbers that rise, got {list(values)}")
+            object.__setattr__(self, name, tuple(map(float, values)))
+        shape = (len(self.reflectivity), len(self.range_m))
+        if len(self.sd_m) != shape[0] or any(np.shape(row) != shape[1:] for row in self.sd_m):
+            raise InputError(
+                f"sd_m must have {shape[0]} x {shape[1]} numbers: a row for each reflectivity, an entry in it "
+                f"for each range; got {list(self.sd_m)}"
+            )
+        for value in np.ravel(self.sd_m):
+            check_number("sd_m", value, 0.0)
+        object.__setattr__(self, "sd_m", tuple(tuple(map(float, row)) for row in self.sd_m))
+
+    def sigma_m(
+        self, distance: FloatArray, incidence: FloatArray, reflectivity: FloatArray | float = 1.0, /
+    ) -> FloatArray:
+        """Return the entry (...,) for range and light, metres."""
+        known = [_by_range(distance, self.range_m, row) for row in self.sd_m]
+        if len(known) == 1:
+            return known[0]
+        light = np.maximum(reflectivity * np.cos(np.clip(incidence, 0.0, _STEEPEST)), _DARKEST)
+        shares = [np.interp(light, self.reflectivity, row) for row in np.eye(len(known))]
+        sigma: FloatArray = np.sum([share * sd for share, sd in zip(shares, known, strict=True)], axis=0)
+        darkest, next_one = self.reflectivity[:2]
+        growth = (darkest / light) ** 2 - 1
+        gain = np.maximum(known[0] ** 2 - known[1] ** 2, 0.0) / (1 - (darkest / next_one) ** 2)
+        return np.where(light < darkest, np.sqrt(known[0] ** 2 + gain * np.maximum(growth, 0.0)), sigma)
+
+
+def _by_range(distance: FloatArray, ranges: tuple[float, ...], sd: tuple[float, ...]) -> FloatArray:
+    """Return `sd` between its ranges, linear; past the last, its variance grows with the range to the 4th."""
+    sigma = np.interp(distance, ranges, sd)
+    if len(sd) == 1 or sd[-1] <= sd[-2]:
+        return sigma
+    rate = (sd[-1] ** 2 - sd[-2] ** 2) / (ranges[-1] ** 4 - ranges[-2] ** 4)
+    past = np.maximum(distance, ranges[-1]) ** 4 - ranges[-1] ** 4
+    return np.where(past > 0, np.sqrt(sd[-1] ** 2 + rate * past), sigma)
 
 
 def range_sigma_m(
