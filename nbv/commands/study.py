@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from nbv.report.figures.plots import on_white
 from nbv.report.study_report import spread, study_page
 from nbv.run.wording import count
 from nbv.run.workers import workers_of
+from nbv.scanning.sensor import missing_errors
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.pipeline import Outcome, check_results, groups_of, run_study, write_results
 from nbv.study.spec import StudySpec, common_share, read_study
 from scenes.run.atomic import write_bytes
@@ -25,6 +28,7 @@ def run_study_file(shared: Shared, asked: StudyOptions) -> None:
         spec = read_study(file)
         run.read([file, *(scene.scene for scene in spec.scenes), *(sensor.sensor for sensor in spec.sensors)])
         check_results(spec.results)
+        run.warn(chain.from_iterable(missing_errors(load_sensor(s.sensor), s.noise) for s in spec.sensors))
         with workers_of(asked.scheduler, shared.threads) as workers:
             outcomes = run_study(
                 spec, run.out / "plans", first_seed=shared.seed, workers=workers, progress=run.progress

@@ -363,7 +363,7 @@ def missing_errors(sensor: Sensor, noise: str) -> tuple[str, ...]:
     others = ", ".join(sensor.effects.to_json())
     has = f"states {others} but no [noise]: its ranges have" if others else "states no errors: its scans have"
     return (
-        f"--noise {PROFILE}: the profile of {sensor.name} {has} no random error; give a TOML file with [noise], "
+        f"noise {PROFILE}: the profile of {sensor.name} {has} no random error; give a TOML file with [noise], "
         "or name a model such as --noise gaussian-2mm",
     )
 
