@@ -176,9 +176,10 @@ class TableNoise:
     """A data sheet's table: standard deviations at ranges, for surfaces of one or more reflectivities.
 
     Linear between the entries, along the range and along the light rho cos(theta) that comes back. Beyond
-    the table the noise goes on as `TerrestrialNoise` does: its variance grows with r^4 past the farthest
-    range, and with 1 / (rho cos theta)^2 below the darkest surface, at the rate of the last two entries.
-    It stays what it is nearer than the table and brighter than it, and where there is one entry only.
+    the table the noise grows as where photons limit it, with r / sqrt(rho cos theta): past the farthest range
+    at the rate of the last two ranges, or at that of another surface for the same light where it is larger;
+    below the darkest surface at the rate of the two darkest. It stays what it is nearer than the table and
+    brighter than it. A table for one reflectivity does not depend on the light.
 
     Parameters
     ----------
@@ -219,7 +220,7 @@ class TableNoise:
         shape = (len(self.reflectivity), len(self.range_m))
         if len(self.sd_m) != shape[0] or any(np.shape(row) != shape[1:] for row in self.sd_m):
             raise InputError(
-                f"sd_m must have {shape[0]} x {shape[1]} numbers: a row for each reflectivity, an entry in it "
+                f"sd_m must have {shape[0]} x {shape[1]} numbers: a row for each reflectivity with an entry "
                 f"for each range; got {list(self.sd_m)}"
             )
         for value in np.ravel(self.sd_m):
@@ -230,26 +231,27 @@ class TableNoise:
         self, distance: FloatArray, incidence: FloatArray, reflectivity: FloatArray | float = 1.0, /
     ) -> FloatArray:
         """Return the entry (...,) for range and light, metres."""
-        known = [_by_range(distance, self.range_m, row) for row in self.sd_m]
+        known: list[FloatArray] = [
+            np.interp(distance, self.range_m, row) + rate * np.maximum(distance - self.range_m[-1], 0.0)
+            for row, rate in zip(self.sd_m, self._rates(), strict=True)
+        ]
         if len(known) == 1:
             return known[0]
         light = np.maximum(reflectivity * np.cos(np.clip(incidence, 0.0, _STEEPEST)), _DARKEST)
         shares = [np.interp(light, self.reflectivity, row) for row in np.eye(len(known))]
-        sigma: FloatArray = np.sum([share * sd for share, sd in zip(shares, known, strict=True)], axis=0)
-        darkest, next_one = self.reflectivity[:2]
-        growth = (darkest / light) ** 2 - 1
-        gain = np.maximum(known[0] ** 2 - known[1] ** 2, 0.0) / (1 - (darkest / next_one) ** 2)
-        return np.where(light < darkest, np.sqrt(known[0] ** 2 + gain * np.maximum(growth, 0.0)), sigma)
+        sigma = np.sum([share * sd for share, sd in zip(shares, known, strict=True)], axis=0)
+        dim = 1 / np.sqrt(self.reflectivity[:2])
+        rate = np.maximum(known[0] - known[1], 0.0) / (dim[0] - dim[1])
+        sigma += rate * np.maximum(1 / np.sqrt(light) - dim[0], 0.0)
+        return np.asarray(sigma, dtype=np.float64)
 
-
-def _by_range(distance: FloatArray, ranges: tuple[float, ...], sd: tuple[float, ...]) -> FloatArray:
-    """Return `sd` between its ranges, linear; past the last, its variance grows with the range to the 4th."""
-    sigma = np.interp(distance, ranges, sd)
-    if len(sd) == 1 or sd[-1] <= sd[-2]:
-        return sigma
-    rate = (sd[-1] ** 2 - sd[-2] ** 2) / (ranges[-1] ** 4 - ranges[-2] ** 4)
-    past = np.maximum(distance, ranges[-1]) ** 4 - ranges[-1] ** 4
-    return np.where(past > 0, np.sqrt(sd[-1] ** 2 + rate * past), sigma)
+    def _rates(self) -> FloatArray:
+        """Growth (n,) of the noise past the farthest range, metres a metre, for each reflectivity."""
+        if len(self.range_m) == 1:
+            return np.zeros(len(self.reflectivity))
+        steps = np.array([row[-1] - row[-2] for row in self.sd_m]) / (self.range_m[-1] - self.range_m[-2])
+        by_light = np.sqrt(self.reflectivity) * np.maximum(steps, 0.0)
+        return np.asarray(by_light.max() / np.sqrt(self.reflectivity), dtype=np.float64)
 
 
 def range_sigma_m(

@@ -307,9 +307,10 @@ class SphericalSensor(Profiled):
             raise InputError(f"a panorama needs 1 x 2 pixels or more, got {self.width} x {self.height}")
         step, finest = self.azimuth_span_deg / self.width, self.finest_step_deg or 0.0
         if step < 0.999 * finest:  # data sheets round it
+            most = int(self.azimuth_span_deg / finest)
             raise InputError(
-                f"{self.width} columns over {self.azimuth_span_deg:g} deg are {step:.2g} deg apart; the "
-                f"instrument has steps of {finest:g} deg or more, {int(self.azimuth_span_deg / finest)} columns"
+                f"{self.width} columns on {self.azimuth_span_deg:g} deg are {step:.2g} deg apart; "
+                f"the instrument has steps of {finest:g} deg or more: {most} columns at most"
             )
 
     @property
@@ -363,8 +364,8 @@ def missing_errors(sensor: Sensor, noise: str) -> tuple[str, ...]:
     others = ", ".join(sensor.effects.to_json())
     has = f"states {others} but no [noise]: its ranges have" if others else "states no errors: its scans have"
     return (
-        f"noise {PROFILE}: the profile of {sensor.name} {has} no random error; give a TOML file with [noise], "
-        "or name a model such as --noise gaussian-2mm",
+        f"noise {PROFILE}: the profile of {sensor.name} {has} no random error; give a TOML file with "
+        "[noise], or name a model such as gaussian-2mm",
     )
 
 

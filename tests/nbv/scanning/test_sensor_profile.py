@@ -126,7 +126,7 @@ def test_profile_from_a_file(tmp_path: Path):
         ("kind = 'triangulation'\nbaseline_m = 0.0", "baseline_m must be finite and not zero"),
         ("like = 'mine'", r"like must be one of azure_kinect, .*got 'mine'"),
         ("like = 'generic60'\nsources = {fov_deg = 'x'}", r"sources\.fov_deg is the source of no entry"),
-        ("kind = 'spherical'\nfinest_step_deg = 0.5\nwidth = 1000", "0.36 deg apart.* 0.5 deg or more, 720"),
+        ("kind = 'spherical'\nfinest_step_deg = 0.5\nwidth = 1000", "0.36 deg apart.* 0.5 deg or more: 720"),
         ("kind = 'pinhole'\npoints_per_s = 0", "points_per_s must"),
         (TABLE.format("[10, 20]", "0.1", "[[1, 2]]"), r"noise\.reflectivity must be a list of numbers"),
         (TABLE.format("[10, 20]", "[0.1]", "[1, 2]"), r"noise\.sd_m must be a list of lists of numbers"),
