@@ -8,7 +8,9 @@ written anew; a test compares them with the profiles.
 import argparse
 import io
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -21,6 +23,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from nbv import load_sensor
 from nbv.scanning.noise_models import TableNoise, TerrestrialNoise, range_sigma_m
 from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_profile
 
 FAMILIES = {
     "terrestrial": {
@@ -156,9 +159,19 @@ def noise_of(sensor: Sensor) -> str:
     return ", ".join(f"{float(f'{sd:.2g}'):g} at {r:.3g} m" for r, sd in zip(ranges, sigma, strict=True))
 
 
+def texts(sources: Mapping[str, Any]) -> Iterator[str]:
+    """Sources of all numbers of a profile."""
+    for value in sources.values():
+        if isinstance(value, str):
+            yield value
+        else:
+            yield from texts(value)
+
+
 def column(name: str, title: str) -> dict[str, str]:
     """Return what the table says of one instrument."""
-    sensor = load_sensor(name)
+    profile = load_profile(name)
+    sensor, sources = profile.sensor, list(texts(profile.sources))
     rows, columns = sensor.projection.shape
     beam, pointing = sensor.effects.footprint, sensor.effects.pointing
     finest = getattr(sensor, "finest_step_deg", None)
@@ -177,6 +190,7 @@ def column(name: str, title: str) -> dict[str, str]:
         else f"{1e3 * beam.exit_diameter_m:.3g} + {1e3 * beam.divergence_rad:.3g} r",
         "range noise (one sigma), mm": noise_of(sensor),
         "direction (one sigma), °": "-" if pointing is None else f"{pointing.sd_deg:g}",
+        "numbers not checked": f"{sum('not checked' in text for text in sources)} of {len(sources)}",
     }
 
 
