@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SMALL = {
     "plot_architecture": ["--docs", "{out}"],
     "plot_scanner": ["--docs", "{out}", "--scale", "0.15"],
+    "plot_instruments": ["--docs", "{out}"],
     "plot_walk": ["--docs", "{out}", "--seconds", "1"],
     "plot_textures": ["--docs", "{out}", "--quick"],
     "plot_junctions": ["--docs", "{out}"],

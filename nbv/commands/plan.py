@@ -29,7 +29,7 @@ from nbv.report.blocks.room_tables import rule_sentences, write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.report.scans_report import next_stations_page
 from nbv.run.wording import count, percent, percent_within, square_metres
-from nbv.scanning.sensor import chosen_effects
+from nbv.scanning.sensor import chosen_effects, missing_errors
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations, room_entries
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
@@ -88,8 +88,9 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         zones = zones_of(request)
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         world = world.without(request.without)
-        run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
+        doubts = [*world.warnings, *missing_errors(sensor, request.noise)]
+        run.warn(doubts)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         search = request.search
         given = (
@@ -139,7 +140,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, rules=rules, scans=scans)
         run.report(page, options)
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        warnings = [*world.warnings, *(plan.site.warnings if plan.site else ())]
+        warnings = [*doubts, *(plan.site.warnings if plan.site else ())]
         summary = {**summary_of(plan), "rules": beside["rules"], "warnings": warnings}
         run.finish(resolved, summary, [*lines_of(plan), *rule_sentences(plan, rules)])
 

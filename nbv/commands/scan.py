@@ -13,6 +13,7 @@ from nbv.commands.options import ScanOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
 from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import missing_errors
 from nbv.scanning.sensor_profile import load_profile
 from scenes.checks import InputError
 from scenes.io.poses.trajectory import read_poses
@@ -57,8 +58,9 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
         run.read([asked.scene, asked.sensor, *([file] if file else [])])
         poses = poses_of(asked)
         world = open_scene(asked.scene, up=asked.up, units=asked.units)
-        run.warn(world.warnings)
         profile = load_profile(asked.sensor)
+        warnings = [*world.warnings, *missing_errors(profile.sensor, noise)]
+        run.warn(warnings)
         run.watch.enter("scan")
         caster = world.ray_caster(shared.threads)
         taken = []
@@ -79,15 +81,20 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
             write_scans(taken, run.path())
         else:
             write_scan(taken[0], run.path())
-        summary = {"scene": world.name, "sensor": profile.sensor.name, **_summary(taken)}
+        one = profile.sensor.scan_time_s
+        time_s = None if one is None else one * len(taken)
+        summary = {
+            "scene": world.name, "sensor": profile.sensor.name, **_summary(taken), "scan_time_s": time_s
+        }  # fmt: skip
         options = {
             "at": asked.at, "look": asked.look, "poses": file and Path(file).name,
             "sensor": profile.sensor.to_json(), "sources": dict(profile.sources), "noise": noise,
             "effects": taken[0].noise, "truth": asked.truth, "up": asked.up, "units": asked.units,
         }  # fmt: skip
         errors = "exact ranges" if taken[0].noise == "none" else f"range errors: {taken[0].noise}"
-        lines = [_line(summary), f"{profile.sensor.name}: {errors}"]
-        run.finish(options, {**summary, "warnings": world.warnings}, lines)
+        speed = "" if time_s is None else f"; {time_s:.3g} s or more of measuring"
+        lines = [_line(summary), f"{profile.sensor.name}: {errors}{speed}"]
+        run.finish(options, {**summary, "warnings": warnings}, lines)
 
 
 def _summary(taken: Sequence[RangeImage]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from nbv.report.scan_study_report import millimetres, scan_study_page
 from nbv.report.study_report import spread, study_page
 from nbv.run.wording import count, percent
 from nbv.run.workers import workers_of
+from nbv.scanning.sensor import missing_errors
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.pipeline import (
     Columns,
     Outcome,
@@ -46,6 +49,7 @@ def run_study_file(shared: Shared, asked: StudyOptions) -> None:
         if isinstance(spec, ScanStudySpec):
             run.read([poses.file for poses in spec.poses if poses.file is not None])
         check_results(spec.results)
+        run.warn(chain.from_iterable(missing_errors(load_sensor(s.sensor), s.noise) for s in spec.sensors))
         if isinstance(spec, ScanStudySpec):
             _run_scans(run, spec, asked)
             return

@@ -24,6 +24,7 @@ from nbv.scanning.noise_models import (
     NguyenNoise,
     NoiseModel,
     StereoNoise,
+    TableNoise,
     TerrestrialNoise,
 )
 from scenes.checks import FloatArray, InputError, check_options
@@ -195,7 +196,8 @@ def normal_numbers(rng: np.random.Generator, n: int, n_threads: int | None = Non
 
 
 NOISE_MODELS: dict[str, type[Any]] = {
-    kind.model: kind for kind in (ConstantNoise, KhoshelhamNoise, NguyenNoise, StereoNoise, TerrestrialNoise)
+    kind.model: kind
+    for kind in (ConstantNoise, KhoshelhamNoise, NguyenNoise, StereoNoise, TableNoise, TerrestrialNoise)
 }
 
 
@@ -229,9 +231,8 @@ class Effects:
     @property
     def use_reflectivity(self) -> bool:
         """Whether some stage asks how much light comes back."""
-        return (
-            self.intensity is not None or self.dropout is not None or isinstance(self.noise, TerrestrialNoise)
-        )
+        by_light = isinstance(self.noise, TerrestrialNoise | TableNoise)
+        return by_light or self.intensity is not None or self.dropout is not None
 
     @property
     def acts_on_depth(self) -> bool:
@@ -265,6 +266,8 @@ def _table(option: Any) -> dict[str, Any]:
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{' '.join(map(_short, value))}]"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

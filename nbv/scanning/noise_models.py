@@ -12,7 +12,8 @@ Standard deviations are metres. References:
 * stereo: an error of the disparity d = f b / z is an error z^2 / (f b) of the depth;
 * terrestrial: sigma^2 = a^2 + (b r^2 / (rho cos theta))^2, the second term for the light that comes back;
   a and b are the user's, published ones differ from instrument to instrument;
-* constant plus parts per million of the range, as data sheets state it.
+* constant plus parts per million of the range, and a table by range and reflectivity, as data sheets state
+  them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.checks import FloatArray, check_options
+from scenes.checks import FloatArray, InputError, check_number, check_options
 
 _STEEPEST = np.radians(89.0)  # incidence is clipped here: the formulas have a pole at 90 deg
 _DARKEST = 1e-3  # reflectivity times cosine, below which nothing would come back anyway
@@ -168,6 +169,89 @@ class TerrestrialNoise:
         """Return sqrt(constant_m^2 + (signal_per_m r^2 / (rho cos theta))^2) (...,), metres."""
         light = np.maximum(reflectivity * np.cos(np.clip(incidence, 0.0, _STEEPEST)), _DARKEST)
         return np.hypot(self.constant_m, self.signal_per_m * distance**2 / light)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableNoise:
+    """A data sheet's table: standard deviations at ranges, for surfaces of one or more reflectivities.
+
+    Linear between the entries, along the range and along the light rho cos(theta) that comes back. Beyond
+    the table the noise grows as where photons limit it, with r / sqrt(rho cos theta): past the farthest range
+    at the rate of the last two ranges, or at that of another surface for the same light where it is larger;
+    below the darkest surface at the rate of the two darkest. It stays what it is nearer than the table and
+    brighter than it. A table for one reflectivity does not depend on the light.
+
+    Parameters
+    ----------
+    range_m : sequence of float
+        Ranges, metres, rising.
+    reflectivity : sequence of float
+        Share of the light that surfaces scatter, 0..1, rising.
+    sd_m : sequence of sequences of float
+        Metres: one row for each reflectivity, one entry in it for each range.
+
+    Raises
+    ------
+    InputError
+        Lists that do not rise or do not fit each other, impossible values.
+
+    Examples
+    --------
+    >>> noise = TableNoise(range_m=(10, 30), reflectivity=(0.1, 0.9), sd_m=((0.004, 0.008), (0.001, 0.002)))
+    >>> noise.sigma_m(np.array([10.0, 20.0]), np.zeros(2), np.array([0.5, 0.1])).tolist()
+    [0.0025, 0.006]
+    """
+
+    range_m: tuple[float, ...]
+    reflectivity: tuple[float, ...]
+    sd_m: tuple[tuple[float, ...], ...]
+
+    model: ClassVar[str] = "table"
+    acts_on_depth: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        for name, most in (("range_m", np.inf), ("reflectivity", 1.0)):
+            values = getattr(self, name)
+            for value in values:
+                check_number(name, value, 1e-6, most)
+            if not len(values) or not np.all(np.diff(values) > 0):
+                raise InputError(f"{name} must be numbers that rise, got {list(values)}")
+            object.__setattr__(self, name, tuple(map(float, values)))
+        shape = (len(self.reflectivity), len(self.range_m))
+        if len(self.sd_m) != shape[0] or any(np.shape(row) != shape[1:] for row in self.sd_m):
+            raise InputError(
+                f"sd_m must have {shape[0]} x {shape[1]} numbers: a row for each reflectivity with an entry "
+                f"for each range; got {list(self.sd_m)}"
+            )
+        for value in np.ravel(self.sd_m):
+            check_number("sd_m", value, 0.0)
+        object.__setattr__(self, "sd_m", tuple(tuple(map(float, row)) for row in self.sd_m))
+
+    def sigma_m(
+        self, distance: FloatArray, incidence: FloatArray, reflectivity: FloatArray | float = 1.0, /
+    ) -> FloatArray:
+        """Return the entry (...,) for range and light, metres."""
+        known: list[FloatArray] = [
+            np.interp(distance, self.range_m, row) + rate * np.maximum(distance - self.range_m[-1], 0.0)
+            for row, rate in zip(self.sd_m, self._rates(), strict=True)
+        ]
+        if len(known) == 1:
+            return known[0]
+        light = np.maximum(reflectivity * np.cos(np.clip(incidence, 0.0, _STEEPEST)), _DARKEST)
+        shares = [np.interp(light, self.reflectivity, row) for row in np.eye(len(known))]
+        sigma = np.sum([share * sd for share, sd in zip(shares, known, strict=True)], axis=0)
+        dim = 1 / np.sqrt(self.reflectivity[:2])
+        rate = np.maximum(known[0] - known[1], 0.0) / (dim[0] - dim[1])
+        sigma += rate * np.maximum(1 / np.sqrt(light) - dim[0], 0.0)
+        return np.asarray(sigma, dtype=np.float64)
+
+    def _rates(self) -> FloatArray:
+        """Growth (n,) of the noise past the farthest range, metres a metre, for each reflectivity."""
+        if len(self.range_m) == 1:
+            return np.zeros(len(self.reflectivity))
+        steps = np.array([row[-1] - row[-2] for row in self.sd_m]) / (self.range_m[-1] - self.range_m[-2])
+        by_light = np.sqrt(self.reflectivity) * np.maximum(steps, 0.0)
+        return np.asarray(by_light.max() / np.sqrt(self.reflectivity), dtype=np.float64)
 
 
 def range_sigma_m(

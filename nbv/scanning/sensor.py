@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 import numpy as np
 
 from nbv.scanning.effects import NO_EFFECTS, PROFILE, Effects, named_effects
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, check_number
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 
@@ -45,6 +45,11 @@ class Sensor(Protocol):
     @property
     def effects(self) -> Effects:
         """Errors of its scans, where they are asked for."""
+        ...
+
+    @property
+    def scan_time_s(self) -> float | None:
+        """How long a scan takes at least, seconds; None where the speed is not known."""
         ...
 
     @property
@@ -92,11 +97,20 @@ class Profiled:
     kind: ClassVar[str]
     name: str
     projection: Any
+    points_per_s: float | None
 
     def __repr__(self) -> str:
         rows, columns = self.projection.shape
         gate = f"{getattr(self, 'min_range_m', 0.0):g}..{getattr(self, 'max_range_m', np.inf):g} m"
         return f"{type(self).__name__}({self.name!r}, {columns} x {rows} pixels, {gate})"
+
+    @property
+    def scan_time_s(self) -> float | None:
+        """Seconds for all pixels at the instrument's speed, without start, turn back and pictures."""
+        if self.points_per_s is None:
+            return None
+        rows, columns = self.projection.shape
+        return float(rows * columns / self.points_per_s)
 
     def to_json(self) -> dict[str, Any]:
         """Return kind, fields and effects as one table; fields that are None are left out."""
@@ -124,6 +138,8 @@ class PinholeSensor(Profiled):
         angle fov / 2 inside it, pixels outside stay empty.
     effects : Effects
         By what its scans differ from exact ranges.
+    points_per_s : float, optional
+        Speed: pixels a second.
     fx_px, fy_px, cx_px, cy_px : float, optional
         Focal lengths and principal point of a calibrated camera, pixels, all or none; with them `fov_deg`
         only tells the angle across the longer side (`from_intrinsics`).
@@ -153,12 +169,13 @@ class PinholeSensor(Profiled):
     fy_px: float | None = None
     cx_px: float | None = None
     cy_px: float | None = None
+    points_per_s: float | None = None
 
     kind: ClassVar[str] = "pinhole"
     partner: ClassVar[None] = None
 
     def __post_init__(self) -> None:
-        check_gate(self.name, self.min_range_m, self.max_range_m)
+        check_gate(self.name, self.min_range_m, self.max_range_m, self.points_per_s)
         if self.aperture not in ("square", "circular"):
             raise InputError(f"aperture must be square or circular, got {self.aperture!r}")
         known = [value is not None for value in (self.fx_px, self.fy_px, self.cx_px, self.cy_px)]
@@ -251,11 +268,15 @@ class SphericalSensor(Profiled):
         What reports call it.
     effects : Effects
         By what its scans differ from exact ranges.
+    points_per_s : float, optional
+        Speed: pixels a second.
+    finest_step_deg : float, optional
+        Smallest angle between columns that the instrument can be set to, degrees.
 
     Raises
     ------
     InputError
-        Angles out of bounds, no pixels, an empty range gate.
+        Angles out of bounds, no pixels, columns closer than the instrument can, an empty range gate.
     """
 
     azimuth_span_deg: float = 360.0
@@ -267,12 +288,14 @@ class SphericalSensor(Profiled):
     max_range_m: float = 80.0
     name: str = "spherical"
     effects: Effects = NO_EFFECTS
+    points_per_s: float | None = None
+    finest_step_deg: float | None = None
 
     kind: ClassVar[str] = "spherical"
     partner: ClassVar[None] = None
 
     def __post_init__(self) -> None:
-        check_gate(self.name, self.min_range_m, self.max_range_m)
+        check_gate(self.name, self.min_range_m, self.max_range_m, self.points_per_s)
         if not 0 < self.azimuth_span_deg <= 360:
             raise InputError(f"azimuth_span_deg must lie in 0..360, got {self.azimuth_span_deg}")
         if not -90 <= self.elevation_min_deg < self.elevation_max_deg <= 90:
@@ -282,6 +305,13 @@ class SphericalSensor(Profiled):
             )
         if self.width < 1 or self.height < 2:
             raise InputError(f"a panorama needs 1 x 2 pixels or more, got {self.width} x {self.height}")
+        step, finest = self.azimuth_span_deg / self.width, self.finest_step_deg or 0.0
+        if step < 0.999 * finest:  # data sheets round it
+            most = int(self.azimuth_span_deg / finest)
+            raise InputError(
+                f"{self.width} columns on {self.azimuth_span_deg:g} deg are {step:.2g} deg apart; "
+                f"the instrument has steps of {finest:g} deg or more: {most} columns at most"
+            )
 
     @property
     def projection(self) -> SphericalProjection:
@@ -327,16 +357,30 @@ def chosen_effects(sensor: Sensor, noise: str) -> Effects:
     return sensor.effects if noise == PROFILE else named_effects(noise)
 
 
+def missing_errors(sensor: Sensor, noise: str) -> tuple[str, ...]:
+    """Return a warning where `noise` asks for the errors of a profile that states none, or none of ranges."""
+    if noise != PROFILE or sensor.effects.noise is not None:
+        return ()
+    others = ", ".join(sensor.effects.to_json())
+    has = f"states {others} but no [noise]: its ranges have" if others else "states no errors: its scans have"
+    return (
+        f"noise {PROFILE}: the profile of {sensor.name} {has} no random error; give a TOML file with "
+        "[noise], or name a model such as gaussian-2mm",
+    )
+
+
 def with_effects(sensor: Sensor, effects: Effects) -> Sensor:
     """Return the sensor with other effects."""
     changed: Sensor = replace(sensor, effects=effects)  # type: ignore[type-var]  # a protocol of dataclasses
     return changed
 
 
-def check_gate(name: str, nearest: float, farthest: float) -> None:
-    """Raise InputError for an empty range gate, metres."""
+def check_gate(name: str, nearest: float, farthest: float, points_per_s: float | None) -> None:
+    """Raise InputError for an empty range gate, metres, and for an instrument that stands still."""
     if not 0 <= nearest < farthest:
         raise InputError(f"sensor {name}: ranges must satisfy 0 <= min < max, got {nearest}..{farthest} m")
+    if points_per_s is not None:
+        check_number("points_per_s", points_per_s, 1e-6)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

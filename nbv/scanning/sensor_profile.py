@@ -3,7 +3,8 @@
 
 A profile is one table: `kind`, the fields of that sensor, and a table for each effect that it has
 (`footprint`, `intensity`, `dropout`, `noise` with its `model`, `pointing`, `quantisation`). Beside them
-stands `[sources]`, with one line for each number, in tables of the same names.
+stands `[sources]`, with one line for each number, in tables of the same names. With `like = "NAME"` it is a
+built-in profile but for the entries and tables that it states itself: the same instrument at another setting.
 """
 
 from __future__ import annotations
@@ -32,6 +33,13 @@ _STAGES: dict[str, type[Any]] = {
     "pointing": PointingNoise,
     "quantisation": Quantisation,
 }
+_CALLED = {
+    "tuple[tuple": "a list of lists of numbers",
+    "tuple": "a list of numbers",
+    "float": "a number",
+    "int": "an integer",
+    "": "a text",
+}  # types of fields, the first that fits
 _EFFECTS = tuple(field.name for field in fields(Effects))
 
 
@@ -82,8 +90,7 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
     """Return a shipped profile, by name, or that of a TOML file; raises as `load_sensor`."""
     name = str(name_or_path)
     if name in sensor_names():
-        text = (resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_text("utf-8")
-        return _profile_of(parse_toml(text), name)
+        return _profile_of(_shipped(name), name)
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")
@@ -137,7 +144,7 @@ def _built(option: type[Any], table: Mapping[str, Any], source: str, within: str
         if key not in known:
             raise InputError(f"{source}: unknown entry {within + key!r}; there are {named}")
         if key != "effects" and not _fits(value, known[key]):
-            kind = "an integer" if known[key] == "int" else "a number" if "float" in known[key] else "a text"
+            kind = next(text for wanted, text in _CALLED.items() if wanted in known[key])
             raise InputError(f"{source}: {within}{key} must be {kind}, got {value!r}")
     required = [field.name for field in fields(option) if field.default is MISSING]
     if missing := [name for name in required if name not in table]:
@@ -150,6 +157,9 @@ def _built(option: type[Any], table: Mapping[str, Any], source: str, within: str
 
 def _fits(value: Any, wanted: str) -> bool:
     """Tell whether a TOML value is of the type of a field."""
+    if wanted.startswith("tuple["):
+        inner = wanted.removeprefix("tuple[").removesuffix(", ...]")
+        return isinstance(value, list | tuple) and all(_fits(one, inner) for one in value)
     if isinstance(value, bool):
         return False
     if "float" in wanted:
@@ -159,11 +169,22 @@ def _fits(value: Any, wanted: str) -> bool:
     return isinstance(value, str)
 
 
+def _shipped(name: str) -> dict[str, Any]:
+    """Return the table of a built-in profile."""
+    return parse_toml((resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_text("utf-8"))
+
+
 def _profile_of(table: dict[str, Any], name: str) -> SensorProfile:
     """Return the profile that a table describes."""
     source = f"sensor {name}"
     sources = table.pop("sources", {})
     _check_sources(sources, table, source, "sources")
+    while (like := table.pop("like", None)) is not None:
+        if like not in sensor_names():
+            raise InputError(f"{source}: like must be one of {', '.join(sensor_names())}, got {like!r}")
+        other = _shipped(like)
+        kept = {key: text for key, text in other.pop("sources").items() if key not in table}
+        table, sources = {**other, "name": Path(name).stem, **table}, {**kept, **sources}
     return SensorProfile(sensor_from_profile({"name": Path(name).stem, **table}, source), sources)
 
 

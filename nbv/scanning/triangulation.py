@@ -41,6 +41,8 @@ class TriangulationSensor(Profiled):
         What reports call it.
     effects : Effects
         By what its scans differ from exact ranges.
+    points_per_s : float, optional
+        Speed: pixels a second.
 
     Raises
     ------
@@ -57,11 +59,12 @@ class TriangulationSensor(Profiled):
     max_range_m: float = 5.0
     name: str = "triangulation"
     effects: Effects = NO_EFFECTS
+    points_per_s: float | None = None
 
     kind: ClassVar[str] = "triangulation"
 
     def __post_init__(self) -> None:
-        check_gate(self.name, self.min_range_m, self.max_range_m)
+        check_gate(self.name, self.min_range_m, self.max_range_m, self.points_per_s)
         PinholeProjection.from_fov(self.width, self.height, self.fov_deg)  # raises for what cannot be
         if not np.isfinite(self.baseline_m) or self.baseline_m == 0:
             raise InputError(f"baseline_m must be finite and not zero, got {self.baseline_m}")
@@ -105,6 +108,8 @@ class LineSensor(Profiled):
         What reports call it.
     effects : Effects
         By what its scans differ from exact ranges.
+    points_per_s : float, optional
+        Speed: pixels a second.
 
     Raises
     ------
@@ -119,11 +124,12 @@ class LineSensor(Profiled):
     max_range_m: float = 10.0
     name: str = "line"
     effects: Effects = NO_EFFECTS
+    points_per_s: float | None = None
 
     kind: ClassVar[str] = "line"
 
     def __post_init__(self) -> None:
-        check_gate(self.name, self.min_range_m, self.max_range_m)
+        check_gate(self.name, self.min_range_m, self.max_range_m, self.points_per_s)
         check_number("baseline_m", self.baseline_m, -np.inf)
         if not 0 < self.fan_deg <= 360:
             raise InputError(f"fan_deg must lie in 0..360, got {self.fan_deg}")

@@ -24,13 +24,14 @@ _ERRORS: dict[str, type] = {
     "points": int, "bias_m": float, "sd_m": float, "p95_m": float, "mixed_share": float, "lost_share": float
 }  # fmt: skip
 SET_COLUMNS: Columns = {
-    **_LABELS, "requirement": str, "scans": int, "pixels": int, **_ERRORS, "density_5_per_m2": float,
+    **_LABELS, "requirement": str, "scans": int, "scan_time_s": float, "pixels": int, **_ERRORS, "density_5_per_m2": float,
     "density_50_per_m2": float, "total_m2": float, "seen": float, "met": float, "met_standard_error": float,
     "modelled": float, "inferred": float, "unknown": float, "inferred_m2": float, "inferred_right": float,
     "error": str,
 }  # fmt: skip
 SCAN_COLUMNS: Columns = {
-    **_LABELS, "requirement": str, "scan": int, "x_m": float, "y_m": float, "z_m": float, "pixels": int,
+    **_LABELS, "requirement": str, "scan": int, "x_m": float, "y_m": float, "z_m": float, "scan_time_s": float,
+    "pixels": int,
     **_ERRORS, "sigma_m": float, "seen": float, "met": float, "error": str,
 }  # fmt: skip
 CLASS_COLUMNS: Columns = {**_LABELS, "by": str, "class": str, **_ERRORS}
@@ -131,15 +132,16 @@ def _judged(
             good[index] = limits.hold(distance, cosine)
             n_met += good
             density[index] += Precision(angle, effects).density_per_m2(distance, cosine)
-        scans.append(_scan_row(found, asked, case=case, record=record, shares=_shares(setting, mask, good)))
+        scans.append(_scan_row(found, asked, case=case, record=record, shares=_figures(setting, mask, good)))
     met, any_seen = n_met >= requirement.k, density > 0
     classes = _classes(found, met, any_seen)
     done = found.completed if found.completed and not found.completed.get("error") else None
-    total = float(samples.areas.sum())
+    total, time_s = float(samples.areas.sum()), setting.sensor.scan_time_s
     row = {
         **_labels(found),
         "requirement": asked.label,
         "scans": sum(mask is not None for mask in seen),
+        "scan_time_s": None if time_s is None else time_s * sum(mask is not None for mask in seen),
         "pixels": sum(int(record.get("pixels", 0)) for record in found.records),
         **(tallies["all"].rows()[0] if tallies else dict.fromkeys(_ERRORS)),
         "density_5_per_m2": _area_quantile(density, samples.areas, 0.05),
@@ -167,15 +169,17 @@ def _sight(case: ScanCase, setting: CaseSetting, mask: BoolArray) -> tuple[Float
     return distance, np.abs(np.einsum("ij,ij->i", towards, setting.samples.normals[mask])) / distance
 
 
-def _shares(setting: CaseSetting, seen: BoolArray | None, met: BoolArray) -> dict[str, float]:
+def _figures(setting: CaseSetting, seen: BoolArray | None, met: BoolArray) -> dict[str, float | None]:
+    """Seconds that the scan takes on site, and shares of the area that it saw and measured well enough."""
     areas = setting.samples.areas
     seen_m2 = 0.0 if seen is None else float(areas[seen].sum())
-    return {"seen": seen_m2 / float(areas.sum()), "met": float(areas[met].sum() / areas.sum())}
+    shares = {"seen": seen_m2 / float(areas.sum()), "met": float(areas[met].sum() / areas.sum())}
+    return {"scan_time_s": setting.sensor.scan_time_s, **shares}
 
 
 def _scan_row(
     found: SetRecords, asked: RequirementEntry, *, case: ScanCase, record: Mapping[str, Any],
-    shares: Mapping[str, float],
+    shares: Mapping[str, float | None],
 ) -> dict[str, Any]:  # fmt: skip
     x, y, z = (row[3] for row in case.pose[:3])
     head = {**_labels(found), "requirement": asked.label, "scan": case.number, "x_m": x, "y_m": y, "z_m": z}

@@ -246,7 +246,9 @@ class CommonSpec(Entry):
             raise ValueError("seeds must differ")
         n_cases = math.prod(len(getattr(self, kind)) for kind in (*self._VARIED, "seeds"))
         if n_cases > _MOST_CASES:
-            raise ValueError(f"these are {n_cases:,} {self._EACH}; a study has at most {_MOST_CASES:,}: part it")
+            raise ValueError(
+                f"these are {n_cases:,} {self._EACH}; a study has at most {_MOST_CASES:,}: part it"
+            )
         return self
 
 

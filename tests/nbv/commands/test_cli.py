@@ -234,6 +234,18 @@ def test_scan_says_what_was_active_and_info_repeats_it(tmp_path):
     assert manifest["options"]["effects"] == active
 
 
+def test_scan_says_that_a_profile_has_no_noise_and_how_long_it_takes(tmp_path, sensor):
+    at = ("--at", "0.3,-1.6,1.1", "--look", "0,1,0.8", "-o", tmp_path / "a.npz", "--noise", "profile")
+    done = succeed("scan", CHAIR, *at, "--sensor", sensor)
+    assert "states no errors: its scans have no random error" in done.stderr
+    fast = tmp_path / "fast.toml"
+    lines = ("kind = 'pinhole'", "width = 40", "height = 30", "points_per_s = 400")
+    fast.write_text("\n".join([*lines, "[noise]", "model = 'constant'", "constant_m = 0.001", ""]))
+    done = succeed("scan", CHAIR, *at, "--sensor", fast)
+    assert "warning" not in done.stderr
+    assert "(constant_m 0.001); 3 s or more of measuring" in done.stdout
+
+
 def test_quiet_prints_nothing(tmp_path, sensor):
     arguments = (
         "scan",

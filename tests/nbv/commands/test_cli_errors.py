@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
         (f"plan {ROOM} --candidates absent.npz", "absent.npz: no such file"),
         (f"scan {ROOM} --at 1,1,1 --look 3,3,1 -o {{0}}/none/a.npz", "no folder {0}/none; make it first"),
         ("plan builtin:nothing", "there are two_occluders"),
-        (f"scan {ROOM} --at 1,1,1 --look 3,3,1 --sensor kinect", "there are generic60"),
+        (f"scan {ROOM} --at 1,1,1 --look 3,3,1 --sensor kinect", "there are azure_kinect"),
         (f"scan {ROOM} --at 1,1,1 --look 3,3,1 --noise gausian-2mm", "gaussian-<n>mm"),
     ],
 )  # fmt: skip
