@@ -52,6 +52,7 @@ SMALL = {
     "plot_floor_plan": ["--docs", "{out}", "--spacing", "0.4"],
     "plot_view_planning": ["--docs", "{out}", "--quick"],
     "plot_inference_study": ["--docs", "{out}", "--starts", "1", "--cases", "two_occluders, panorama"],
+    "plot_scan_study": ["--docs", "{out}"],
     "plot_paper_study": ["--docs", "{out}", "--starts", "1", "--spacing", "0.8", "--threads", "2"],
 }  # the quickest first
 

@@ -32,8 +32,11 @@ from .scanning.sensor_profile import load_sensor as load_sensor
 from .scanning.sensor_profile import sensor_names as sensor_names
 from .scanning.triangulation import LineSensor as LineSensor
 from .scanning.triangulation import TriangulationSensor as TriangulationSensor
+from .study.parts import run_part as run_part
 from .study.pipeline import groups_of as groups_of
 from .study.pipeline import run_study as run_study
+from .study.scan_results import scan_results as scan_results
+from .study.scans import run_scan_study as run_scan_study
 from .study.spec import read_study as read_study
 from .visibility.candidates import room_candidates as room_candidates
 from .visibility.candidates import sphere_candidates as sphere_candidates

@@ -410,6 +410,10 @@ class StudyOptions:
     """A study file, and who plans."""
 
     file: str = argument("STUDY.toml", "The study file.")
+    part: str | None = option(
+        "--part", "Do every Nth case from the Ith alone, and no tables: a job of an array.", None,
+        metavar="I/N", shown=False,
+    )  # fmt: skip
     scheduler: str | None = _scheduler()
 
 

@@ -16,6 +16,7 @@ from nbv.run.wording import count, percent
 from nbv.run.workers import workers_of
 from nbv.scanning.sensor import missing_errors
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.study.parts import part_of, run_part
 from nbv.study.pipeline import (
     Columns,
     Outcome,
@@ -32,7 +33,7 @@ from nbv.study.scan_results import (
     SET_COLUMNS,
     SURFACE_COLUMNS,
     class_rows,
-    results_of,
+    scan_results,
 )
 from nbv.study.scans import run_scan_study
 from nbv.study.spec import ScanStudySpec, StudySpec, common_share, read_study
@@ -42,7 +43,10 @@ from scenes.run.atomic import write_bytes
 def run_study_file(shared: Shared, asked: StudyOptions) -> None:
     """Run a study file and write its plans, tables, plots and report."""
     file = asked.file
-    with start_run("study", shared, default=f"out/{Path(file).stem}", is_folder=True) as run:
+    part = asked.part
+    with start_run(
+        "study", shared, default=f"out/{Path(file).stem}", is_folder=True, writes=part is None
+    ) as run:
         run.watch.enter("load")
         spec = read_study(file)
         run.read([file, *(scene.scene for scene in spec.scenes), *(sensor.sensor for sensor in spec.sensors)])
@@ -50,6 +54,9 @@ def run_study_file(shared: Shared, asked: StudyOptions) -> None:
             run.read([poses.file for poses in spec.poses if poses.file is not None])
         check_results(spec.results)
         run.warn(chain.from_iterable(missing_errors(load_sensor(s.sensor), s.noise) for s in spec.sensors))
+        if part is not None:
+            _run_part(run, spec, asked=asked, part=part_of(part))
+            return
         if isinstance(spec, ScanStudySpec):
             _run_scans(run, spec, asked)
             return
@@ -76,6 +83,22 @@ def _write(
     run.report(page, options)
 
 
+def _run_part(
+    run: Run, spec: StudySpec | ScanStudySpec, *, asked: StudyOptions, part: tuple[int, int]
+) -> None:
+    """Do one part of a study's cases; the tables are written by a run without a part."""
+    with workers_of(asked.scheduler, run.shared.threads) as workers:
+        done, every = run_part(
+            spec, run.out, part, first_seed=run.shared.seed, workers=workers, progress=run.progress
+        )
+    number, of = part
+    lines = [
+        f"part {number} of {of}: {count(done, 'case')} of {every} are there; run the study without --part "
+        "when all parts are, for its tables and report"
+    ]
+    run.finish(_options(spec), {"part": list(part), "cases": done, "cases_of_all_parts": every}, lines)
+
+
 def _run_scans(run: Run, spec: ScanStudySpec, asked: StudyOptions) -> None:
     """Run a study of scans and write its records, scans, tables, plots and report."""
     with workers_of(asked.scheduler, run.shared.threads) as workers:
@@ -83,7 +106,7 @@ def _run_scans(run: Run, spec: ScanStudySpec, asked: StudyOptions) -> None:
             spec, run.out, first_seed=run.shared.seed, workers=workers, progress=run.progress
         )
     run.watch.enter("report")
-    results = results_of(spec, sets)
+    results = scan_results(spec, sets)
     cases = [case for one in sets for case in one.scans.scans]
     run.kept.update({f"records/{case.name}.json": run.out / f"records/{case.name}.json" for case in cases})
     run.kept.update({f"scans/{case.file.name}": case.file for case in cases if case.file})

@@ -143,9 +143,10 @@ def _sets_table(results: Sequence[SetResult]) -> Table:
             ]
         )  # fmt: skip
     columns = (
-        "Scene", "Sensor", "Poses", "Requirement", "#Seed", "#scans", "#minutes", "#points", "#bias, mm", "#sd, mm",
-        "#95 %, mm", "#mixed, %", "#lost, %", "#per m\u00b2 on 95 %", "#per m\u00b2 on half", "#seen, %",
-        "#met, %",
+        "Scene", "Sensor", "Poses", "Requirement", "#Seed", "#scans", "#minutes",
+        "#points", "#bias, mm",
+        "#sd, mm", "#95 %, mm", "#mixed, %", "#lost, %", "#per m\u00b2 on 95 %", "#per m\u00b2 on half",
+        "#seen, %", "#met, %",
     )  # fmt: skip
     return drop_constant_columns(columns, rows, n_fixed=5)
 

@@ -22,6 +22,7 @@ from nbv.scanning.beam import reflectivity_of_colour
 from nbv.scanning.effects import Effects
 from nbv.scanning.sensor import Sensor
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.pose import Pose
 from scenes.scan.colour import unit_colour
 from scenes.scan.range_image import RangeImage, ScanTruth
 from scenes.world.scene import Scene
@@ -38,8 +39,7 @@ CLASSES: Mapping[str, tuple[float, ...]] = {
 `edge_px` is the distance to the nearest jump of depth, pixels. Beside these the surfaces of the scene.
 """
 BESIDE_PX = CLASSES["edge_px"][1]
-_STEEPEST = np.tan(np.radians(85.0))
-_JUMP = 3.0  # times the step of range between neighbours on one surface
+_JUMP = 1.5  # of the pixels' spacing across the beams
 _MANY_SD = 5.0
 _MAD_SD = 1.4826  # of normal numbers
 _LEAST_M, _DECADES, _FINE = 1e-8, 10, 100  # bins of absolute errors: decades, bins of each
@@ -134,7 +134,9 @@ def _quantile(sizes: IntArray, share: float) -> float:
     return float(_LEAST_M * 10 ** ((at - 1 + within) / _FINE))
 
 
-def tally_errors(scan: RangeImage, scene: Scene, sensor: Sensor, effects: Effects) -> dict[str, ErrorTally]:
+def tally_errors(
+    scan: RangeImage, scene: Scene, sensor: Sensor, effects: Effects, *, true_pose: Pose | None = None
+) -> dict[str, ErrorTally]:
     """Return the tallies of a simulated scan by each of `CLASSES`, and by "surface" of the scene.
 
     Parameters
@@ -147,6 +149,8 @@ def tally_errors(scan: RangeImage, scene: Scene, sensor: Sensor, effects: Effect
         Whose reach counts.
     effects : Effects
         Of the scan: the width of its beam.
+    true_pose : Pose, optional
+        Where the sensor stood, if it is said to have stood elsewhere.
 
     Raises
     ------
@@ -159,10 +163,12 @@ def tally_errors(scan: RangeImage, scene: Scene, sensor: Sensor, effects: Effect
         )
     truth, valid = scan.truth, scan.valid
     met = truth.face >= 0
-    error = np.full(scan.shape, np.nan)
+    normals, pose = _normals(truth, scene), true_pose or scan.world_from_sensor
+    places = scan.projection.ray_grid().points(pose.rotation, pose.translation, truth.ranges)
+    towards = np.sign(np.einsum("...i,...i->...", pose.translation - places, normals))
     both = valid & met
-    error[both] = _off_surface(scan, truth, scene, both)
-    edge_px = _from_jump(truth, scan.projection.pixel_angle)
+    error = np.where(both, towards * np.einsum("...i,...i->...", scan.points() - places, normals), np.nan)
+    edge_px = _from_jump(places, normals, scan.projection.pixel_angle * truth.ranges)
     incidence_deg = np.degrees(truth.incidence)
     classes = {
         "all": np.zeros(scan.shape),
@@ -184,30 +190,34 @@ def tally_errors(scan: RangeImage, scene: Scene, sensor: Sensor, effects: Effect
     }
 
 
-def _off_surface(scan: RangeImage, truth: ScanTruth, scene: Scene, where: BoolArray) -> FloatArray:
-    """Signed distances (n,) of measured points from the planes of the faces that their beams met, metres."""
-    corners = scene.mesh.corners[truth.face[where]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    points = scan.points()[where]
-    towards = np.sign(np.einsum("ij,ij->i", scan.origin - corners[:, 0], normals))
-    return np.asarray(towards * np.einsum("ij,ij->i", points - corners[:, 0], normals))
+def _normals(truth: ScanTruth, scene: Scene) -> FloatArray:
+    """Unit normals (rows, columns, 3) of the faces that the middles of the beams met, NaN where none."""
+    corners = scene.mesh.corners
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    return np.where((truth.face >= 0)[..., None], across[truth.face], np.nan)
 
 
-def _from_jump(truth: ScanTruth, pixel_angle: float) -> FloatArray:
-    """Distance (rows, columns) to the nearest pixel beside a jump of depth, pixels; inf where none is."""
-    ranges, slope = truth.ranges, np.minimum(np.tan(np.nan_to_num(truth.incidence)), _STEEPEST)
-    step = _JUMP * pixel_angle * (1 + slope)
-    beside = np.zeros(ranges.shape, np.bool_)
+def _from_jump(met: FloatArray, normals: FloatArray, spacing: FloatArray) -> FloatArray:
+    """Distance (rows, columns) to the nearest pixel beside a jump of depth, pixels; inf where none is.
+
+    Neighbours whose places (rows, columns, 3) are each farther off the other's plane than they are apart on
+    one surface lie on either side of a jump; at a fold at least one of both is near.
+    """
+    missing = np.isnan(met[..., 0])
+    beside = np.zeros(missing.shape, np.bool_)
     for axis in (0, 1):
-        a, b = (np.moveaxis(array, axis, 0) for array in (ranges, step))
+        place, normal, apart, none = (np.moveaxis(a, axis, 0) for a in (met, normals, spacing, missing))
+        step = np.diff(place, axis=0)
+        off = [np.abs(np.einsum("...i,...i->...", step, one)) for one in (normal[1:], normal[:-1])]
         with np.errstate(invalid="ignore"):
-            jump = np.abs(np.diff(a, axis=0)) > np.minimum(a[1:], a[:-1]) * np.maximum(b[1:], b[:-1])
+            jump = np.minimum(*off) > _JUMP * np.maximum(apart[1:], apart[:-1])
+        jump |= none[1:] != none[:-1]
         at = np.moveaxis(beside, axis, 0)
         at[1:] |= jump
         at[:-1] |= jump
     if not beside.any():
-        return np.full(ranges.shape, np.inf)
+        return np.full(beside.shape, np.inf)
     return np.asarray(ndimage.distance_transform_edt(~beside) + 0.5)
 
 

@@ -24,15 +24,15 @@ _ERRORS: dict[str, type] = {
     "points": int, "bias_m": float, "sd_m": float, "p95_m": float, "mixed_share": float, "lost_share": float
 }  # fmt: skip
 SET_COLUMNS: Columns = {
-    **_LABELS, "requirement": str, "scans": int, "scan_time_s": float, "pixels": int, **_ERRORS, "density_5_per_m2": float,
-    "density_50_per_m2": float, "total_m2": float, "seen": float, "met": float, "met_standard_error": float,
-    "modelled": float, "inferred": float, "unknown": float, "inferred_m2": float, "inferred_right": float,
-    "error": str,
+    **_LABELS, "requirement": str, "scans": int, "scan_time_s": float, "pixels": int, **_ERRORS,
+    "density_5_per_m2": float, "density_50_per_m2": float, "total_m2": float, "seen": float, "met": float,
+    "met_standard_error": float, "modelled": float, "inferred": float, "unknown": float,
+    "inferred_m2": float, "inferred_right": float, "error": str,
 }  # fmt: skip
 SCAN_COLUMNS: Columns = {
-    **_LABELS, "requirement": str, "scan": int, "x_m": float, "y_m": float, "z_m": float, "scan_time_s": float,
-    "pixels": int,
-    **_ERRORS, "sigma_m": float, "seen": float, "met": float, "error": str,
+    **_LABELS, "requirement": str, "scan": int, "x_m": float, "y_m": float, "z_m": float,
+    "scan_time_s": float, "pixels": int, **_ERRORS, "sigma_m": float, "seen": float, "met": float,
+    "error": str,
 }  # fmt: skip
 CLASS_COLUMNS: Columns = {**_LABELS, "by": str, "class": str, **_ERRORS}
 SURFACE_COLUMNS: Columns = {
@@ -71,7 +71,7 @@ class SetResult:
     surface_names: tuple[str, ...]
 
 
-def results_of(spec: ScanStudySpec, sets: Sequence[SetRecords]) -> tuple[SetResult, ...]:
+def scan_results(spec: ScanStudySpec, sets: Sequence[SetRecords]) -> tuple[SetResult, ...]:
     """Return what each set measured, by requirement, in the order of the study file."""
     return tuple(result for found in sets for result in _of_set(spec, found))
 

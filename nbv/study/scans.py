@@ -195,7 +195,9 @@ def run_scan(case: ScanCase, n_threads: int | None = None) -> dict[str, Any]:
     except InputError as error:
         return {**head, "error": str(error)}
     effects = chosen_effects(setting.sensor, case.sensor.noise)
-    tallies = tally_errors(scan, setting.scene, setting.sensor, effects)
+    tallies = tally_errors(
+        scan, setting.scene, setting.sensor, effects, true_pose=Pose(np.array(case.true_pose))
+    )
     seen = np.zeros(len(setting.samples), np.bool_)
     seen[measured_samples(scan, setting.samples)[0]] = True
     if case.file is not None:

@@ -188,6 +188,29 @@ def test_a_study_of_scans_goes_on_where_it_stopped(file, tmp_path):
     assert contents(out) == before
 
 
+def test_parts_do_each_case_once_and_the_whole_finds_them(file, tmp_path):
+    """Two parts leave all records; the run that follows scans nothing and has the bytes of one alone."""
+    out, alone = tmp_path / "out", tmp_path / "alone"
+    for part in ("1/2", "2/2"):
+        told = CliRunner().invoke(app, ["study", str(file), "-o", str(out), "--part", part, "--json"])
+        assert told.exit_code == 0, told.output
+        assert json.loads(told.output)["cases"] == 3
+        assert not (out / "results.csv").exists()
+    written = {path: path.stat().st_mtime_ns for path in (out / "records").iterdir()}
+    assert len(written) == 6
+    for folder in (out, alone):
+        assert CliRunner().invoke(app, ["study", str(file), "-o", str(folder), "--quiet"]).exit_code == 0
+    assert {path: path.stat().st_mtime_ns for path in (out / "records").iterdir()} == written
+    assert contents(out) == contents(alone)
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "2", "a/b", "1/0"])
+def test_a_part_that_is_none_is_told(file, tmp_path, text):
+    told = CliRunner().invoke(app, ["study", str(file), "-o", str(tmp_path / "out"), "--part", text])
+    assert told.exit_code == 1
+    assert f"--part {text}: give a part" in told.output
+
+
 def test_scans_that_are_kept_are_those_of_the_command(file, tmp_path):
     """They are those of `unseen scan --poses` with the same seed; one that is gone is taken anew."""
     spec = read_study(file)
