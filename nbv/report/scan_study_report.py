@@ -53,7 +53,7 @@ def _sensors(results: Sequence[SetResult]) -> list[str]:
 
 
 def _error_plot(results: Sequence[SetResult], by: str) -> Plot:
-    """Standard deviation and bias of the points' errors by class, a colour for each sensor."""
+    """Standard deviation of the points' errors by class, a colour for each sensor."""
     labels, sensors = class_labels(by, ()), _sensors(results)
 
     def draw(axes: Axes, _theme: Theme) -> None:
@@ -68,19 +68,17 @@ def _error_plot(results: Sequence[SetResult], by: str) -> Plot:
             drawn = np.array([row["points"] >= _LEAST_POINTS for row in rows])
             used |= drawn
             at = np.flatnonzero(drawn)
-            for name, style, marker in (("sd_m", "-", "o"), ("bias_m", ":", "x")):
-                values = 1e3 * np.abs([row[name] for row in rows])[at]
-                label = sensor if name == "sd_m" else None
-                axes.plot(
-                    at, values, style, marker=marker, markersize=4, color=colour_of(number), label=label
-                )
+            values = 1e3 * np.array([row["sd_m"] for row in rows])[at]
+            axes.plot(at, values, "o-", markersize=4, color=colour_of(number), label=sensor)
         axes.set_yscale("log")
         axes.set_xticks(range(len(labels)), labels, rotation=20, ha="right", fontsize=8)
         last = int(np.flatnonzero(used).max()) if used.any() else 0
         axes.set_xlim(-0.4, last + 0.4)
         axes.set_xlabel(_DRAWN[by])
-        axes.set_ylabel("error, mm")
-        axes.legend(loc="best", frameon=False, fontsize=8)
+        axes.set_ylabel("standard deviation, mm")
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=8, borderaxespad=0.2
+        )
 
     return drawn_plot(draw, (5.4, 3.6))
 
@@ -92,9 +90,8 @@ def _gallery(plots: Mapping[str, Plot]) -> Gallery:
 
 def _error_notes() -> tuple[Block, ...]:
     text = (
-        "Lines with dots: standard deviation; dotted lines with crosses: size of "
-        "the bias. The error of a point is its distance from the plane of the face that the middle of its "
-        "beam met. "
+        "Standard deviations across the surface: the error of a point is its distance from the plane of the "
+        "face that the middle of its beam met. "
         f"Classes of fewer than {_LEAST_POINTS} points are not drawn. Mixed pixels, beside a jump of depth "
         "and farther off than errors and the beam's width explain, are counted and left out; errors.csv has "
         "all classes."

@@ -3,8 +3,9 @@
 
 The error of a point is its distance from the plane of the face that the middle of its beam met, metres,
 positive on the sensor's side: bias, standard deviation and the 95 % of absolute errors are of those. A mixed
-pixel is a return beside a jump of depth, farther off than five robust standard deviations of pixels at like
-incidence and the beam's radius, or one whose middle met nothing; it is counted, and left out of the errors.
+pixel is a return whose beam reaches a jump of depth, farther off than five robust standard deviations of
+pixels at like incidence and the beam's radius, or one whose middle met nothing; it is counted, and left out
+of the errors.
 A pixel is lost when its middle met surface within the sensor's reach and nothing came back.
 """
 
@@ -177,7 +178,9 @@ def tally_errors(
         "reflectivity": _reflectivity(scan),
         "edge_px": edge_px,
     }
-    mixed = (valid & ~met) | (both & (edge_px < BESIDE_PX) & _is_far(error, incidence_deg, truth, effects))
+    radius = _beam_radius(truth, effects)
+    beside = edge_px < BESIDE_PX + radius / (_finest_step(scan) * np.where(met, truth.ranges, 1.0))
+    mixed = (valid & ~met) | (both & beside & _is_far(error, incidence_deg, radius))
     error[mixed] = np.nan
     in_reach = (truth.ranges >= sensor.min_range_m) & (truth.ranges <= sensor.max_range_m)
     lost = met & in_reach & ~valid
@@ -221,7 +224,20 @@ def _from_jump(met: FloatArray, normals: FloatArray, spacing: FloatArray) -> Flo
     return np.asarray(ndimage.distance_transform_edt(~beside) + 0.5)
 
 
-def _is_far(error: FloatArray, incidence_deg: FloatArray, truth: ScanTruth, effects: Effects) -> BoolArray:
+def _beam_radius(truth: ScanTruth, effects: Effects) -> FloatArray:
+    """Radius (rows, columns) of the beams where they met surface, metres; 0 where they have none."""
+    ranges = np.where(truth.face >= 0, truth.ranges, 0.0)
+    return np.zeros(ranges.shape) if effects.footprint is None else effects.footprint.diameter_m(ranges) / 2
+
+
+def _finest_step(scan: RangeImage) -> float:
+    """The lesser angle between middle beams of neighbours along a row or a column, radians."""
+    directions = scan.projection.directions()
+    steps = [np.linalg.norm(np.diff(directions, axis=axis), axis=-1) for axis in (0, 1)]
+    return float(min((np.median(step) for step in steps if step.size), default=1.0))
+
+
+def _is_far(error: FloatArray, incidence_deg: FloatArray, radius: FloatArray) -> BoolArray:
     """Which points lie farther off than errors at like incidence and the radius of the beam explain."""
     known = np.isfinite(error)
     which = np.where(known, _class_of(incidence_deg, CLASSES["incidence_deg"]), -1)
@@ -230,8 +246,6 @@ def _is_far(error: FloatArray, incidence_deg: FloatArray, truth: ScanTruth, effe
         here = which == number
         middle = np.median(error[here])
         spread[here] = _MAD_SD * np.median(np.abs(error[here] - middle))
-    footprint = effects.footprint
-    radius = np.zeros(error.shape) if footprint is None else footprint.diameter_m(truth.ranges) / 2
     with np.errstate(invalid="ignore"):
         return np.asarray(known & (np.abs(error) > _MANY_SD * spread + radius))
 
