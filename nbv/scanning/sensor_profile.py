@@ -137,7 +137,13 @@ def _built(option: type[Any], table: Mapping[str, Any], source: str, within: str
         if key not in known:
             raise InputError(f"{source}: unknown entry {within + key!r}; there are {named}")
         if key != "effects" and not _fits(value, known[key]):
-            kind = "an integer" if known[key] == "int" else "a number" if "float" in known[key] else "a text"
+            kind = (
+                "an integer"
+                if known[key].startswith("int")
+                else "a number"
+                if "float" in known[key]
+                else "a text"
+            )
             raise InputError(f"{source}: {within}{key} must be {kind}, got {value!r}")
     required = [field.name for field in fields(option) if field.default is MISSING]
     if missing := [name for name in required if name not in table]:
@@ -154,7 +160,7 @@ def _fits(value: Any, wanted: str) -> bool:
         return False
     if "float" in wanted:
         return isinstance(value, int | float) and abs(value) <= MOST_M
-    if wanted == "int":
+    if wanted.startswith("int"):
         return isinstance(value, int) and abs(value) < 2**31
     return isinstance(value, str)
 

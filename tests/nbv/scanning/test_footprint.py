@@ -6,7 +6,8 @@ import pytest
 
 from nbv.scanning.beam import N_RAYS, Footprint, Intensity, beam_pattern, sub_rays
 from nbv.scanning.effects import Effects
-from nbv.scanning.scanner import FIRST, LAST, MEAN, STRONGEST, merge_returns, scan_scene
+from nbv.scanning.echoes import FIRST, LAST, MEAN, STRONGEST, merge_returns
+from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError, read_only_view
 from tests.helpers.sheet_scenes import EAST, before_wall, sheets
@@ -137,7 +138,7 @@ def test_returns_agree_with_the_slow_reference(which):
     ranges[0] = np.inf
     cosine, rho = read_only_view(rng.uniform(0, 1, (300, 16))), rng.uniform(0, 1, (300, 16))
     out = np.empty((4, 300))
-    merge_returns(ranges, cosine, rho, which, 0.1, out)
+    merge_returns(ranges, cosine, rho, which, 0.1, out, np.empty((5, 0)))
     for beam in range(300):
         expected = slow_returns(ranges[beam], cosine[beam], rho[beam], which, 0.1)
         np.testing.assert_allclose(out[:, beam], expected, rtol=1e-9)
@@ -148,7 +149,7 @@ def test_returns_agree_with_the_slow_reference(which):
     [
         ({"divergence_rad": -1.0}, "divergence_rad must be between"),
         ({"divergence_rad": 0.0}, "a divergence or an exit diameter"),
-        ({"divergence_rad": 0.001, "returns": "second"}, "first, strongest, last, mean, got 'second'"),
+        ({"divergence_rad": 0.001, "returns": "second"}, "first, strongest, last, mean, all, got 'second'"),
         ({"divergence_rad": 0.001, "range_resolution_m": 0.0}, "strongest returns need a range_resolution_m"),
         ({"divergence_rad": 0.001, "range_resolution_m": -1.0}, "range_resolution_m must be 0 or more"),
     ],
