@@ -41,8 +41,8 @@ class Footprint:
         Returns nearer to each other than this are one, metres: half the pulse's length, 0.3 m for 2 ns.
         The mean is of all light and asks for none.
     n_rays : int, optional
-        How many rays a beam is: 4, 16, 36, 64, 100, 144 or 196; 16 when not given. The share of a beam that
-        a straight edge leaves is then right with a standard deviation of .033 (16 rays), .012 (64) or .005 (196).
+        How many rays a beam is: 4, 16, 36, 64, 100, 144 or 196; 16 when not given. The share of a beam on
+        one side of a straight edge has a standard deviation of .033 with 16, .012 with 64, .005 with 196.
 
     Raises
     ------

@@ -206,7 +206,7 @@ class _Instrument:
     def measure(
         self, echo: Echo, dropout: np.random.Generator, noise: np.random.Generator, beam: Any = slice(None)
     ) -> _Measured:
-        """Measure the echoes of all beams, or those (m,) of some, by number: light, drop-out, noise, steps."""
+        """Measure the echoes of all beams, or those of some (m,): light, drop-out, noise, steps."""
         effects, projection = self.effects, self.sensor.projection
         light = self._intensity(echo)
         ranges = echo.ranges

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""World: a scene as a sensor at its pose meets it, by rays: hits, colours, the light that surfaces scatter."""
+"""World: a scene as the rays of a sensor meet it: hits, colours, and the light that surfaces scatter."""
 
 from __future__ import annotations
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
 
+ECHO_CHANNELS = {"pixel": np.int64, "ranges": np.float64, "intensity": np.float32, "n_rays": np.uint8}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echoes:
@@ -45,8 +47,7 @@ class Echoes:
     n_rays: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        kinds = {"pixel": np.int64, "ranges": np.float64, "intensity": np.float32, "n_rays": np.uint8}
-        for name, kind in kinds.items():
+        for name, kind in ECHO_CHANNELS.items():
             array = getattr(self, name)
             if array is None:
                 continue

@@ -36,7 +36,7 @@ from scenes.scan.projection import Projection
 TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
-_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "step_m")
+_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "step_m", "echoes")
 
 
 MESH_SENSOR = "cast at a mesh"
@@ -302,7 +302,7 @@ class RangeImage:
     transformed = transform  # earlier name
 
     def with_facts(self, **facts: Any) -> RangeImage:
-        """Return the scan with other `facts`: pose, sigma, sensor, noise, name, step.
+        """Return the scan with other `facts`: pose, sigma, sensor, noise, name, step, echoes.
 
         The pixels are the same arrays, not checked again, which `dataclasses.replace` would do.
 

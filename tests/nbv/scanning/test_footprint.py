@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from nbv.scanning.beam import N_RAYS, Footprint, Intensity, beam_pattern, sub_rays
-from nbv.scanning.effects import Effects
 from nbv.scanning.echoes import FIRST, LAST, MEAN, STRONGEST, merge_returns
+from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError, read_only_view
