@@ -111,7 +111,7 @@ def scan_scene(
     if points is not None:
         distance = np.where(np.isfinite(distance), np.linalg.norm(points, axis=-1), np.inf)
     if echoes is not None:
-        echoes = replace(echoes, ranges=echoes.ranges * (distance / image.distance)[beam])
+        echoes = echoes.scale(distance[beam] / image.distance[beam])
     gated = instrument.gated(distance)
     shape = projection.shape
     keeps_light = effects.intensity is not None or echoes is not None

@@ -93,6 +93,6 @@ class Echoes:
         held = {field.name: getattr(self, field.name) for field in fields(self)}
         return Echoes(**{name: None if array is None else array[chosen] for name, array in held.items()})
 
-    def scale(self, factor: float) -> Echoes:
+    def scale(self, factor: float | FloatArray) -> Echoes:
         """Return them with ranges `factor` times as long."""
         return replace(self, ranges=self.ranges * factor)
