@@ -288,11 +288,14 @@ def write_single(write: Callable[[RangeImage, Path], None]) -> Callable[[Sequenc
 
 
 def points_of(scans: Sequence[RangeImage]) -> RawPoints:
-    """Return all valid points of organised scans, in the world."""
+    """Return all valid points of organised scans, in the world, those of further returns last."""
     clouds = []
     for scan in scans:
-        colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
-        points = scan.points()[scan.valid]
+        pixel = np.flatnonzero(scan.valid)
+        if scan.echoes is not None:
+            pixel = np.concatenate([pixel, scan.echoes.pixel])
+        colour = None if scan.colour is None else colour_bytes(scan.colour.reshape(-1, 3)[pixel])
+        points = np.concatenate([scan.points()[scan.valid], scan.echo_points()])
         clouds.append(RawPoints(points, origins=scan.origin, colour=colour, step=scan.step_m))
     return join_points(clouds)
 
