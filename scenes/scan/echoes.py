@@ -94,5 +94,5 @@ class Echoes:
         return Echoes(**{name: None if array is None else array[chosen] for name, array in held.items()})
 
     def scale(self, factor: float | FloatArray) -> Echoes:
-        """Return them with ranges `factor` times as long."""
+        """Return them with ranges `factor` times as long, one for all or one (m,) for each."""
         return replace(self, ranges=self.ranges * factor)
