@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -90,8 +90,8 @@ class Echoes:
 
     def pick(self, chosen: Any) -> Echoes:
         """Return some of them, by a mask or by ascending indices."""
-        held = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Echoes(**{name: None if array is None else array[chosen] for name, array in held.items()})
+        held = {name: getattr(self, name) for name in ECHO_CHANNELS}
+        return replace(self, **{name: array[chosen] for name, array in held.items() if array is not None})
 
     def scale(self, factor: float | FloatArray) -> Echoes:
         """Return them with ranges `factor` times as long, one for all or one (m,) for each."""

@@ -42,6 +42,7 @@ from scenes.scan.range_image import TRUTH_CHANNELS, RangeImage, ScanTruth
 
 _KNOWN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes; others may ask for any memory
 _SUFFIX = ".npy"
+_LEVEL = 1  # of packing: numpy's 6 takes 1.7 times as long, for 1.5 % less
 
 
 class ArrayFile:
@@ -149,8 +150,13 @@ def write_npz(scan: RangeImage, path: Path) -> None:
     if scan.echoes is not None:
         known = [name for name in ECHO_CHANNELS if getattr(scan.echoes, name) is not None]
         arrays |= {f"echo_{name}": getattr(scan.echoes, name) for name in known}
-    with atomic_path(path) as temporary:
-        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+    with (
+        atomic_path(path) as temporary,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive,
+    ):
+        for name, array in arrays.items():
+            with archive.open(f"{name}{_SUFFIX}", "w", force_zip64=True) as stream:
+                npy.write_array(stream, np.asarray(array), allow_pickle=False)
 
 
 def read_npz(path: Path) -> list[RangeImage]:
