@@ -6,6 +6,7 @@ Run it with `python examples/plot_scanner.py [--docs FOLDER] [--scale 1.0]`; a s
 
 import argparse
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -246,7 +247,53 @@ def pointing(folder: Path) -> None:
     save(figure, folder, "pointing")
 
 
-PICTURES = (noise, divergence, incidence, two_paths, quantisation, dropout, pointing)
+def hedge_before_wall(n_leaves: int = 2500) -> Scene:
+    """Leaves, triangles of 3 cm, within half a metre about 5 m away, and a wall a metre behind them."""
+    rng = np.random.default_rng(2)
+    middle = rng.uniform((4.8, -1.0, -0.04), (5.6, 0.55, 0.04), (n_leaves, 3))
+    leaves = (middle[:, None] + 0.02 * rng.standard_normal((n_leaves, 3, 3))).reshape(-1, 3)
+    wall = walls((6.6, -3, 6.6, 3)).mesh
+    faces = np.concatenate([np.arange(3 * n_leaves).reshape(-1, 3), wall.faces + len(leaves)])
+    surface = np.repeat([0, 1], [n_leaves, len(wall.faces)])
+    mesh = LabelledMesh(np.concatenate([leaves, wall.vertices]), faces, surface)
+    return Scene(mesh, (None, None), ("leaves", "wall"), "hedge", "object")
+
+
+def echoes(folder: Path) -> None:
+    """All returns of one row of beams through a hedge, top view, and the share of a beam beside an edge."""
+    beam = Footprint(divergence_rad=6e-3, exit_diameter_m=5e-3, returns="all", range_resolution_m=0.1)
+    figure, (left, right) = row_of(2, 4.2)
+    row = LineSensor(fan_deg=24.0, width=pixels(320))
+    scan = scan_scene(hedge_before_wall(), EAST, row, effects=Effects(footprint=beam), rng=1)
+    points, number = scan.points()[scan.valid], np.ones(int(scan.valid.sum()), int)
+    if scan.echoes is not None:
+        points, number = np.concatenate([points, scan.echo_points()]), np.append(number, scan.echoes.number)
+    for k, colour in ((1, BLUE), (2, "#e08a1e"), (3, RED)):
+        shown = number == k if k < 3 else number >= k
+        label = f"{('first', 'second', 'third or later')[k - 1]}: {np.count_nonzero(shown)}"
+        left.plot(points[shown, 1], points[shown, 0], ".", ms=4, color=colour, label=label)
+    left.set(xlabel="sideways, m", ylabel="range, m (seen from above)", ylim=(4.6, 6.8))
+    left.set_title(f"returns of {row.width} beams, 6 mrad, resolution 0.1 m", fontsize=9)
+    left.legend(fontsize=8, loc="lower right")
+    offsets = np.linspace(-1, 1, 201)
+    share = 1 - (np.arccos(offsets) - offsets * np.sqrt(1 - offsets**2)) / np.pi
+    right.plot(offsets, share, color=GREY, label="segment of a circle")
+    radius, axis = float(beam.diameter_m(np.array(5.0))) / 2, PinholeSensor(fov_deg=1e-5, width=8, height=8)
+    for n_rays, colour in ((16, BLUE), (196, RED)):
+        effects = Effects(footprint=replace(beam, n_rays=n_rays))
+        for offset in np.linspace(-0.95, 0.95, 20):
+            edge = walls((5.0, -2, 5.0, offset * radius), (6.0, -3, 6.0, 3))
+            taken = scan_scene(edge, EAST, axis, effects=effects, rng=3)
+            near = np.where(taken.ranges < 5.5, taken.truth.n_rays, 0) / n_rays  # type: ignore[union-attr]
+            right.errorbar(offset, near.mean(), near.std(), color=colour, fmt=".", ms=5, lw=1)
+        right.plot([], [], ".", color=colour, label=f"{n_rays} rays, mean and deviation of 64 beams")
+    right.set(xlabel="offset of the edge, radii of the beam", ylabel="share of the near return")
+    right.set_title("a beam at the edge of a plate", fontsize=9)
+    right.legend(fontsize=8, loc="upper left")
+    save(figure, folder, "echoes")
+
+
+PICTURES = (noise, divergence, echoes, incidence, two_paths, quantisation, dropout, pointing)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -18,6 +18,7 @@ from .rays.raycast import Hits as Hits
 from .rays.raycast import RayCaster as RayCaster
 from .run.journal import FileJournal as FileJournal
 from .run.journal import Journal as Journal
+from .scan.echoes import Echoes as Echoes
 from .scan.projection import PinholeProjection as PinholeProjection
 from .scan.projection import Projection as Projection
 from .scan.projection import SphericalProjection as SphericalProjection

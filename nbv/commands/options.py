@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Axis = Literal["x", "y", "z"]
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 Units = Literal["mm", "cm", "m", "in", "ft", "us-ft"]
+Returns = Literal["first", "strongest", "last", "mean", "all"]
 FEATURES = (
     "doorway", "window", "niche", "hole-row", "hole-grid", "bolt-circle", "junction", "elbow", "column",
     "stairs",
@@ -269,6 +270,10 @@ class ScanOptions:
     )  # fmt: skip
     sensor: str = _sensor()
     noise: str = _noise()
+    returns: Returns | None = option(
+        "--returns", "Returns of a beam with width; all go to .npz, .las, .laz or .e57.", None,
+        shown="as the sensor's footprint",
+    )  # fmt: skip
     truth: bool = option("--no-truth", "Leave out the true surface of each pixel.", True, is_negated=True)
     up: Axis | None = _up()
     units: Units = _units()

@@ -12,10 +12,13 @@ import numpy as np
 from nbv.commands.options import ScanOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
+from nbv.scanning.beam import Returns
+from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import missing_errors
+from nbv.scanning.sensor import chosen_effects, missing_errors
 from nbv.scanning.sensor_profile import load_profile
 from scenes.checks import InputError
+from scenes.io.formats.format import all_return_suffixes
 from scenes.io.poses.trajectory import read_poses
 from scenes.io.rgbd.writer import check_no_other_frames
 from scenes.io.scan_files import split_index, write_scan, write_scans
@@ -61,6 +64,7 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
         profile = load_profile(asked.sensor)
         warnings = [*world.warnings, *missing_errors(profile.sensor, noise)]
         run.warn(warnings)
+        _check_returns(run.out, chosen_effects(profile.sensor, noise), asked.returns)
         run.watch.enter("scan")
         caster = world.ray_caster(shared.threads)
         taken = []
@@ -69,8 +73,8 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
             name = "scan" if file is None else f"view {number}"
             taken.append(
                 scan_scene(
-                    world, pose, profile.sensor, noise=noise, truth=asked.truth, rng=seed, caster=caster,
-                    n_threads=shared.threads, name=name,
+                    world, pose, profile.sensor, noise=noise, returns=asked.returns, truth=asked.truth,
+                    rng=seed, caster=caster, n_threads=shared.threads, name=name,
                 )
             )  # fmt: skip
         run.warn(f"{scan.name} has no returns: {_EMPTY}" for scan in taken if not scan.valid.any())
@@ -89,7 +93,8 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
         options = {
             "at": asked.at, "look": asked.look, "poses": file and Path(file).name,
             "sensor": profile.sensor.to_json(), "sources": dict(profile.sources), "noise": noise,
-            "effects": taken[0].noise, "truth": asked.truth, "up": asked.up, "units": asked.units,
+            "effects": taken[0].noise, "returns": asked.returns, "truth": asked.truth, "up": asked.up,
+            "units": asked.units,
         }  # fmt: skip
         errors = "exact ranges" if taken[0].noise == "none" else f"range errors: {taken[0].noise}"
         speed = "" if time_s is None else f"; {time_s:.3g} s or more of measuring"
@@ -97,10 +102,20 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
         run.finish(options, {**summary, "warnings": warnings}, lines)
 
 
+def _check_returns(out: Path, effects: Effects, returns: Returns | None) -> None:
+    """Raise InputError where all returns are asked for, and the format of `out` holds the first alone."""
+    held = all_return_suffixes()
+    if (returns == "all" or effects.keeps_all_returns) and out.suffix.lower() not in held:
+        kind = out.suffix or "a folder"
+        raise InputError(f"{out}: {kind} holds one return a beam; write all returns to {', '.join(held)}")
+
+
 def _summary(taken: Sequence[RangeImage]) -> dict[str, Any]:
     """Headline numbers of all scans together."""
     returned = np.concatenate([scan.ranges[scan.valid] for scan in taken])
     rows, columns = taken[0].shape
+    lists = [scan.echoes for scan in taken if scan.echoes is not None]
+    further = {"further_returns": sum(map(len, lists))} if lists else {}
     return {
         "scans": len(taken),
         "noise": taken[0].noise,
@@ -109,6 +124,7 @@ def _summary(taken: Sequence[RangeImage]) -> dict[str, Any]:
         "columns": columns,
         "valid_share": float(np.mean([scan.valid.mean() for scan in taken])),
         "range_m": [float(returned.min()), float(returned.max())] if len(returned) else None,
+        **further,
     }
 
 
@@ -119,4 +135,6 @@ def _line(summary: Mapping[str, Any]) -> str:
     line = (
         f"{scans}{summary['rows']} x {summary['columns']} pixels, {summary['valid_share']:.1%} with a return"
     )
-    return line if span is None else f"{line}, ranges {span[0]:.2f} to {span[1]:.2f} m"
+    line = line if span is None else f"{line}, ranges {span[0]:.2f} to {span[1]:.2f} m"
+    n_further = summary.get("further_returns")
+    return line if n_further is None else f"{line}, {count(n_further, 'further return')}"

@@ -4,8 +4,8 @@
 Footprint: a beam has width, so at a jump edge it meets two depths; which of them the instrument reports.
 A beam is 16 rays, each for the same area of its cross section: 4 in the inner quarter, 12 around them. What
 they meet within one range resolution is one return, with the mean range of its rays weighted by the light
-that each brings back. A pulsed scanner reports the first, strongest or last return; a phase scanner the mean
-of all light, which puts mixed pixels between the two depths.
+that each brings back. A pulsed scanner reports the first, strongest or last return, or all of them; a phase
+scanner the mean of all light, which puts mixed pixels between the two depths.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, check_options
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, check_options, read_only_view
+from texture.engine.compiled import compiled
 
-Returns = Literal["first", "strongest", "last", "mean"]
+Returns = Literal["first", "strongest", "last", "mean", "all"]
 N_RAYS = 16
+_COUNTS = tuple(4 * k**2 for k in range(1, 8))  # rays in k rings of equal width; a byte counts them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,23 +34,28 @@ class Footprint:
         Full angle of the beam, radians.
     exit_diameter_m : float
         Diameter of the beam where it leaves the instrument, metres.
-    returns : "first", "strongest", "last" or "mean"
-        What is reported of a beam that meets several depths.
+    returns : "first", "strongest", "last", "mean" or "all"
+        What is reported of a beam that meets several depths. Of all, the first is in the image, the others
+        are its `echoes`, and all have an intensity.
     range_resolution_m : float
         Returns nearer to each other than this are one, metres: half the pulse's length, 0.3 m for 2 ns.
         The mean is of all light and asks for none.
+    n_rays : int, optional
+        How many rays a beam is: 4, 16, 36, 64, 100, 144 or 196; 16 when not given. The share of a beam on
+        one side of a straight edge has a standard deviation of .033 with 16, .012 with 64, .005 with 196.
 
     Raises
     ------
     InputError
         Negative lengths or angles, a beam without width, another name for the returns, pulses without a
-        range resolution (a slanted wall would fall apart into returns).
+        range resolution (a slanted wall would fall apart into returns), another number of rays.
     """
 
     divergence_rad: float
     exit_diameter_m: float = 0.0
     returns: Returns = "strongest"
     range_resolution_m: float = 0.3
+    n_rays: int | None = None
 
     def __post_init__(self) -> None:
         check_options(self, divergence_rad=(0.0, 0.5), exit_diameter_m=(0.0, 1.0))
@@ -61,45 +68,81 @@ class Footprint:
             )
         if self.divergence_rad == 0 and self.exit_diameter_m == 0:
             raise InputError("a footprint needs a divergence or an exit diameter")
+        if self.n_rays not in (None, *_COUNTS):
+            raise InputError(f"n_rays must be one of {', '.join(map(str, _COUNTS))}, got {self.n_rays}")
+
+    @property
+    def n_rays_cast(self) -> int:
+        """How many rays a beam is."""
+        return self.n_rays or N_RAYS
 
     def diameter_m(self, ranges: FloatArray) -> FloatArray:
         """Diameter (...,) of the beam at `ranges` (...,), metres."""
         return np.asarray(self.exit_diameter_m + 2 * np.tan(self.divergence_rad / 2) * ranges)
 
 
-def beam_pattern() -> FloatArray:
-    """Positions (16, 2) of the rays in a beam of radius 1, each for a sixteenth of its area."""
-    inner, outer = (np.arange(4) + 0.5) * np.pi / 2, np.arange(12) * np.pi / 6
-    radius = np.repeat(np.sqrt([1 / 8, 5 / 8]), [4, 12])
-    angle = np.concatenate([inner, outer])
-    pattern: FloatArray = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+def beam_pattern(n_rays: int = N_RAYS) -> FloatArray:
+    """Positions (n, 2) of the rays in a beam of radius 1, each for the same part of its area.
+
+    They stand in rings of equal width, 4 in the innermost and 8 more in each next one, every second ring
+    turned by half a step.
+    """
+    n_rings = round(np.sqrt(n_rays / 4))
+    radii, angles = [], []
+    for k in range(n_rings):
+        count = 4 * (2 * k + 1)
+        radii += [np.sqrt((k**2 + (k + 1) ** 2) / (2 * n_rings**2))] * count
+        angles.append((np.arange(count) + (0.5 if k % 2 == 0 else 0.0)) * 2 * np.pi / count)
+    angle = np.concatenate(angles)
+    pattern: FloatArray = np.array(radii)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return pattern
 
 
 def sub_rays(
     directions: FloatArray, footprint: Footprint, turns: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Starts about the origin and directions, both (16 n, 3), of the rays in beams along `directions`.
+    """Starts about the origin and directions, both (k n, 3), of the k rays of beams along `directions`.
 
     The pattern of each beam is turned by `turns` (n,), radians, so that straight edges make no steps.
     """
-    across, down = _across(directions)
-    cosine, sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
-    across, down = cosine * across + sine * down, cosine * down - sine * across
-    pattern = beam_pattern()
-    offset = pattern[:, :1] * across[:, None] + pattern[:, 1:] * down[:, None]
-    along = directions[:, None] + np.tan(footprint.divergence_rad / 2) * offset
-    return (footprint.exit_diameter_m / 2 * offset).reshape(-1, 3), along.reshape(-1, 3)
+    pattern = beam_pattern(footprint.n_rays_cast)
+    starts, along = np.empty((2, len(directions), len(pattern), 3))
+    turned = read_only_view(np.stack([np.cos(turns), np.sin(turns)], axis=1))
+    spread = footprint.exit_diameter_m / 2, np.tan(footprint.divergence_rad / 2)
+    _fill_rays(read_only_view(directions), turned, pattern, spread, starts, along)
+    return starts.reshape(-1, 3), along.reshape(-1, 3)
 
 
-def _across(directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors across each direction (n, 3); Duff et al., "Building an orthonormal basis", 2017."""
-    x, y, z = directions.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    return first, np.stack([b, sign + y * y * a, -y], axis=1)
+@compiled
+def _fill_rays(
+    directions: FloatArray,
+    turned: FloatArray,
+    pattern: FloatArray,
+    spread: tuple[float, float],
+    starts: FloatArray,
+    along: FloatArray,
+) -> None:
+    """Write starts and directions (n, k, 3); `turned` (n, 2) is the cosine and sine of each beam's turn.
+
+    Two vectors across each direction as by Duff et al., "Building an orthonormal basis", 2017.
+    """
+    across, down = np.empty(3), np.empty(3)
+    for n in range(len(directions)):
+        x, y, z = directions[n]
+        cosine, sine = turned[n]
+        sign = np.copysign(1.0, z)
+        a = -1.0 / (sign + z)
+        b = x * y * a
+        first = (1 + sign * x * x * a, sign * b, -sign * x)
+        second = (b, sign + y * y * a, -y)
+        for axis in range(3):
+            across[axis] = cosine * first[axis] + sine * second[axis]
+            down[axis] = cosine * second[axis] - sine * first[axis]
+        for k in range(len(pattern)):
+            for axis in range(3):
+                offset = pattern[k, 0] * across[axis] + pattern[k, 1] * down[axis]
+                starts[n, k, axis] = spread[0] * offset
+                along[n, k, axis] = directions[n, axis] + spread[1] * offset
 
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB, ITU-R BT.709
@@ -153,10 +196,31 @@ class Intensity:
 
 def reflectivity_of_colour(colour: NDArray[np.float32]) -> FloatArray:
     """Luminance of sRGB colours (..., 3) in 0..1: the share of light that a matt surface scatters."""
-    encoded = np.clip(np.asarray(colour, dtype=np.float64), 0.0, 1.0)
+    colours = np.ascontiguousarray(colour, np.float32)
+    values, place = np.empty(colours.size, np.float32), np.empty((colours.size // 3, 3), np.int64)
+    n_values = _distinct(read_only_view(colours.reshape(-1, 3)), values, place)
+    encoded = np.clip(values[:n_values].astype(np.float64), 0.0, 1.0)
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    luminance: FloatArray = linear @ _LUMINANCE
+    luminance: FloatArray = linear[place].reshape(colours.shape) @ _LUMINANCE
     return luminance
+
+
+@compiled
+def _distinct(colour: NDArray[np.float32], values: NDArray[np.float32], place: IntArray) -> int:
+    """Write the values of each channel (n, 3) that differ from the one before, and where each stands.
+
+    Return how many they are: neighbours often have the same colour, and powers of it take long.
+    """
+    n_values = 0
+    for n in range(len(colour)):
+        for channel in range(3):
+            if n == 0 or colour[n, channel] != colour[n - 1, channel]:
+                values[n_values] = colour[n, channel]
+                place[n, channel] = n_values
+                n_values += 1
+            else:
+                place[n, channel] = place[n - 1, channel]
+    return n_values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

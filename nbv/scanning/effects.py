@@ -235,6 +235,11 @@ class Effects:
         return by_light or self.intensity is not None or self.dropout is not None
 
     @property
+    def keeps_all_returns(self) -> bool:
+        """Whether a scan keeps all returns of a beam, and their intensities."""
+        return self.footprint is not None and self.footprint.returns == "all"
+
+    @property
     def acts_on_depth(self) -> bool:
         """Whether some stage speaks of the depth of a camera rather than of range."""
         steps = self.quantisation is not None and self.quantisation.inverse_depth_step_per_m > 0

@@ -164,7 +164,7 @@ def _fits(value: Any, wanted: str) -> bool:
         return False
     if "float" in wanted:
         return isinstance(value, int | float) and abs(value) <= MOST_M
-    if wanted == "int":
+    if wanted.startswith("int"):
         return isinstance(value, int) and abs(value) < 2**31
     return isinstance(value, str)
 

@@ -115,6 +115,7 @@ def _describe_scan(scan: RangeImage, number: int, measured: _Measures) -> dict[s
         "has_colour": scan.colour is not None,
         "has_intensity": scan.intensity is not None,
         "has_truth": scan.truth is not None,
+        **({} if scan.echoes is None else {"further_returns": len(scan.echoes)}),
         "measured_points_off_rays": scan.sensor_points is not None,
         "grid_residual_px": measured.grid_residual,
         "sigma_m": scan.sigma_m,

@@ -386,6 +386,7 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
         sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
         step_m=scan.step_m * factor,
         truth=None if truth is None else replace(truth, ranges=scale_pixels(truth.ranges, factor)),
+        echoes=scan.echoes and scan.echoes.scale(factor),
     )
 
 

@@ -18,6 +18,7 @@ from scenes.limits import CODE_CLOSE, CODE_GAP, CODE_SAME, CODE_SPREAD, CODE_STR
 from scenes.pose import Pose
 from scenes.run.mapping import release
 from scenes.scan.colour import colour_type
+from scenes.scan.echoes import Echoes
 from scenes.scan.pixels import (
     check_same,
     checked_colour,
@@ -35,7 +36,7 @@ from scenes.scan.projection import Projection
 TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
-_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "step_m")
+_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "step_m", "echoes")
 
 
 MESH_SENSOR = "cast at a mesh"
@@ -123,6 +124,9 @@ class RangeImage:
     step_m : float
         Between the values that coordinates of points could take in the file, metres; 0 where unknown or not
         rounded.
+    echoes : Echoes, optional
+        Further returns of the beams, whose first ones are `ranges`, where an instrument tells several apart;
+        those of pixels without a return are left out.
 
     Arrays of more than half a million pixels are in a temporary file without a name, which memory holds only
     as far as it is in use (`scenes.run.mapping`); `release` ends the use.
@@ -148,6 +152,7 @@ class RangeImage:
     name: str = "scan"
     warnings: tuple[str, ...] = ()
     step_m: float = 0.0
+    echoes: Echoes | None = None
 
     def __post_init__(self) -> None:
         single = np.shape(self.ranges)
@@ -185,6 +190,8 @@ class RangeImage:
             object.__setattr__(self, "sensor_points", known)
         if self.colour is not None:
             object.__setattr__(self, "colour", checked_colour(self.colour, ranges))
+        if self.echoes is not None:
+            object.__setattr__(self, "echoes", self.echoes.within(self.valid))
         self.release()
 
     def __reduce__(self) -> tuple[type[RangeImage], tuple[Any, ...]]:
@@ -280,6 +287,14 @@ class RangeImage:
         """Row and column (n, 2) that see world `points` (n, 3); NaN outside the field of view."""
         return self.projection.pixels(self.world_from_sensor.inverse().apply(points))
 
+    def echo_points(self) -> FloatArray:
+        """Measured points (m, 3) of `echoes` in world coordinates; none without."""
+        if self.echoes is None:
+            return np.zeros((0, 3))
+        pixel, first = self.echoes.pixel, self.points_in_sensor().reshape(-1, 3)
+        stretch = self.echoes.ranges / self.ranges.reshape(-1)[pixel]
+        return self.world_from_sensor.apply(first[pixel] * stretch[:, None])
+
     def transform(self, pose: Pose) -> RangeImage:
         """Return the same scan in a world moved by `pose`."""
         return self.with_facts(world_from_sensor=pose @ self.world_from_sensor)
@@ -287,7 +302,7 @@ class RangeImage:
     transformed = transform  # earlier name
 
     def with_facts(self, **facts: Any) -> RangeImage:
-        """Return the scan with other `facts`: pose, sigma, sensor, noise, name, step.
+        """Return the scan with other `facts`: pose, sigma, sensor, noise, name, step, echoes.
 
         The pixels are the same arrays, not checked again, which `dataclasses.replace` would do.
 
@@ -319,7 +334,7 @@ class RangeImage:
     def thin(self, n_most: int) -> RangeImage:
         """Return the scan with every k-th row and column, so that at most about `n_most` pixels are left.
 
-        Its noise and its name stay; the truth is left out.
+        Its noise and its name stay; truth and echoes are left out.
         """
         step = int(np.ceil(np.sqrt(self.ranges.size / n_most)))
         if step <= 1:
@@ -333,6 +348,7 @@ class RangeImage:
             sensor_points=None if self.sensor_points is None else self.sensor_points[few],
             intensity=None if self.intensity is None else self.intensity[few],
             truth=None,
+            echoes=None,
         )
 
     thinned = thin  # earlier name
@@ -357,6 +373,7 @@ class RangeImage:
             ("sensor stands at", f"{x:.3f}, {y:.3f}, {z:.3f} m"),
             ("range noise", f"sd {1000 * self.sigma_m:.3g} mm" if self.sigma_m else noise),
         ]
+        figures += [("further returns", str(len(self.echoes)))] if self.echoes is not None else []
         figures += [("sensor", self.sensor)] if self.sensor else []
         figures += [("effects", self.noise)] if self.noise else []
         figures += [("truth", "known: simulated")] if self.truth is not None else []

@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, NoReturn
@@ -24,11 +23,20 @@ from scenes.checks import InputError
 from scenes.io.checks.documents import parse_json
 from scenes.io.checks.guard import check_size, import_extra
 from scenes.io.checks.limits import check_limit, check_unpacked
-from scenes.io.clouds.e57_points import PointChunk, coordinate_step, point_chunks, read_pose, times_of
+from scenes.io.clouds.e57_points import (
+    GridExtent,
+    PointChunk,
+    announced_size,
+    coordinate_step,
+    point_chunks,
+    read_pose,
+    times_of,
+)
 from scenes.io.formats.format import RawPoints, step_warnings
 from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
 from scenes.io.formats.grid_order import line_steps
 from scenes.io.formats.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
+from scenes.io.formats.returns import FurtherReturns
 from scenes.io.formats.station import scan_from_station
 from scenes.limits import SPARSE, SPARSE_PIXELS
 from scenes.pose import Pose
@@ -132,27 +140,8 @@ if TYPE_CHECKING:
     from scenes.scan.ray_grid import RayGrid
 
 _SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
-_MOST_INDEX = 2**62
 _NO_RETURN = 255  # above the numbers of all returns
 _CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in the same pages
-
-
-@dataclass(slots=True)
-class GridExtent:
-    """What is seen of points that pass: their number, and the least and largest row and column."""
-
-    n_kept: int = 0
-    n_read: int = 0
-    n_bad: int = 0
-    low: NDArray[np.int64] = field(default_factory=lambda: np.full(2, _MOST_INDEX))
-    high: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, np.int64))
-
-    def see(self, chunk: PointChunk) -> None:
-        """Count the points of a chunk that has pixels."""
-        self.n_kept, self.n_read = self.n_kept + len(chunk.points), self.n_read + chunk.n_read
-        self.n_bad += chunk.n_bad
-        self.low = np.minimum(self.low, chunk.pixels.min(axis=1, initial=_MOST_INDEX))
-        self.high = np.maximum(self.high, chunk.pixels.max(axis=1, initial=0))
 
 
 class _BeyondError(Exception):
@@ -169,9 +158,9 @@ def grid_scan(
     """Return the scan of the points that `chunks` gives, anew each time, from a scanner at `pose`.
 
     Pixels are the file's own indices where a header says that it is of ours, less their minima where none
-    does. Of several returns of a pixel the first is kept, by its returnIndex or else in the
-    file. Points on the rays of a known projection are held as ranges alone. The bounds that are `announced`
-    save a look at the points; where they are none, or are wrong, that look is taken.
+    does. Of several returns of a pixel the first is kept, by its returnIndex or else in the file; of ours
+    the others too, as echoes. Points on the rays of a known projection are held as ranges alone. The bounds
+    that are `announced` save a look at the points; where they are none, or are wrong, that look is taken.
 
     Raises InputError: no valid point, indices that are damaged, no projection that explains the points.
     """
@@ -210,11 +199,12 @@ def _fill_grid(
     ours: dict[str, Any] | None,
 ) -> RangeImage:
     """The scan of points whose pixels are within bounds, which are those of a projection that is known."""
-    rays = None if projection is None else projection.ray_grid()
-    held = _images(chunks(), bounds, rays) if rays is not None else None
+    rays, further = None if projection is None else projection.ray_grid(), FurtherReturns()
+    held = _images(chunks(), bounds, rays, further) if rays is not None else None
     is_on_rays = held is not None
     if held is None:
-        held = _images(chunks(), bounds, None)
+        further = FurtherReturns()
+        held = _images(chunks(), bounds, None, None if projection is None else further)
     if held is None or not held.images:
         raise InputError(f"{name}: has no valid point")
     images, seen = dict[str, Any](held.images), held.seen
@@ -236,7 +226,8 @@ def _fill_grid(
         scan = RangeImage(place, projection, **about)
     else:
         scan = organised_scan(place, projection, **about)
-    n_more = seen.n_kept - held.n_filled
+    scan, _ = further.put_in(scan, has_light="intensity" in images)
+    n_more = seen.n_kept - held.n_filled - (0 if scan.echoes is None else len(scan.echoes))
     several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
     warnings = (
         *not_finite_warnings(seen.n_bad, seen.n_read),
@@ -254,8 +245,10 @@ class _GridImages(NamedTuple):
     n_filled: int
 
 
-def _images(chunks: Iterable[PointChunk], bounds: GridExtent, rays: RayGrid | None) -> _GridImages | None:
-    """Sort points, and what else they have, into images of the pixels within bounds.
+def _images(
+    chunks: Iterable[PointChunk], bounds: GridExtent, rays: RayGrid | None, further: FurtherReturns | None
+) -> _GridImages | None:
+    """Sort points, and what else they have, into images of the pixels within bounds; gather later returns.
 
     "place" is the points of the sensor's frame, NaN for none; or with `rays` their ranges, inf for none, and
     nothing is returned when a point lies beside its ray. "colour", bytes, and "intensity" are black and 0
@@ -287,6 +280,10 @@ def _images(chunks: Iterable[PointChunk], bounds: GridExtent, rays: RayGrid | No
         number_of = np.zeros(len(row), np.uint8)
         if chunk.returns is not None:
             number_of = np.clip(chunk.returns, 0, _NO_RETURN - 1).astype(np.uint8)
+            if further is not None and (later := np.flatnonzero(number_of)).size:
+                light = None if chunk.intensity is None else chunk.intensity[later]
+                places = _SENSOR_FROM_SCANNER.apply(chunk.points[later])
+                further.gather(pixel[later], places, number_of[later], light)
             order = order[np.argsort(_NO_RETURN - number_of[order], kind="stable")]
         order = order[number_of[order] < lowest[pixel[order]]]
         lowest[pixel[order]] = number_of[order]
@@ -358,7 +355,7 @@ class E57File:
         chunks = partial(point_chunks, self._file, self._own[index])
         ours = _ours(_text(header, "description"))
         pose, doubts = read_pose(header)
-        scan = grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
+        scan = grid_scan(chunks, announced_size(header), pose, name, ours).add_warnings(doubts)
         step_m = 0.0 if ours else coordinate_step(header, scan.ranges)
         return scan if ours else scan.with_facts(step_m=step_m).add_warnings(step_warnings(step_m))
 
@@ -425,18 +422,6 @@ def _project_cloud(cloud: RawPoints, pose: Pose, name: str) -> RangeImage:
             raise unfit from None
         texts += ("its points fit its pose only as world coordinates: they were taken as such",)
     return scan.add_warnings(texts).with_facts(step_m=cloud.step)
-
-
-def _announced_size(header: Any) -> GridExtent:
-    """Rows and columns as the file's header tells them; none where it does not."""
-    survey = GridExtent(header.point_count)
-    if "indexBounds" in header.scan_fields:
-        bounds = header["indexBounds"]
-        names = [[f"{axis}{end}" for axis in ("row", "column")] for end in ("Minimum", "Maximum")]
-        if all(bounds.isDefined(name) for pair in names for name in pair):
-            low, high = ([int(bounds[name].value()) for name in pair] for pair in names)
-            survey.low, survey.high = np.array(low), np.array(high)
-    return survey
 
 
 def _ours(description: str) -> dict[str, Any] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from scenes.io.checks.guard import import_extra
 from scenes.pose import Pose, stated_rotation
 from scenes.scan.pixels import finite_points
 
+_MOST_INDEX = 2**62
 _CHUNK = 100_000  # points: read as fast as more, in 5 MB
 _COLOURS = tuple(f"color{name}" for name in ("Red", "Green", "Blue"))
 _CARTESIAN = tuple(f"cartesian{axis}" for axis in "XYZ")
@@ -75,6 +76,36 @@ class PointChunk:
     is_coloured: BoolArray | None = None
     returns: NDArray[np.int64] | None = None
     times: FloatArray | None = None
+
+
+@dataclass(slots=True)
+class GridExtent:
+    """What is seen of points that pass: their number, and the least and largest row and column."""
+
+    n_kept: int = 0
+    n_read: int = 0
+    n_bad: int = 0
+    low: NDArray[np.int64] = field(default_factory=lambda: np.full(2, _MOST_INDEX))
+    high: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, np.int64))
+
+    def see(self, chunk: PointChunk) -> None:
+        """Count the points of a chunk that has pixels."""
+        self.n_kept, self.n_read = self.n_kept + len(chunk.points), self.n_read + chunk.n_read
+        self.n_bad += chunk.n_bad
+        self.low = np.minimum(self.low, chunk.pixels.min(axis=1, initial=_MOST_INDEX))
+        self.high = np.maximum(self.high, chunk.pixels.max(axis=1, initial=0))
+
+
+def announced_size(header: Any) -> GridExtent:
+    """Return rows and columns as the file's header tells them, none where it does not."""
+    survey = GridExtent(header.point_count)
+    if "indexBounds" in header.scan_fields:
+        bounds = header["indexBounds"]
+        names = [[f"{axis}{end}" for axis in ("row", "column")] for end in ("Minimum", "Maximum")]
+        if all(bounds.isDefined(name) for pair in names for name in pair):
+            low, high = ([int(bounds[name].value()) for name in pair] for pair in names)
+            survey.low, survey.high = np.array(low), np.array(high)
+    return survey
 
 
 def point_chunks(file: Any, index: int, *, places_alone: bool = False) -> Iterator[PointChunk]:

@@ -22,9 +22,9 @@ from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, each_cloud, each_scan
 from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR
 from scenes.io.formats.header import scan_header
+from scenes.io.formats.returns import cloud_of
 from scenes.pose import quaternion_of
 from scenes.run.atomic import atomic_path, encodable, json_text
-from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
 EXTENSION = ("unseen", "https://unseen.invalid/e57/inferred/1")
@@ -109,10 +109,13 @@ def field_node(lib: Any, image_file: Any, name: str) -> Any:
 _PICKS = {"Minimum": np.min, "Maximum": np.max}
 _ENDS = tuple(_PICKS)
 _CHANNELS = ("Red", "Green", "Blue")
+_RETURNS = ("returnIndex", "returnCount")
 
 
 def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[InferredPoints] = ()) -> None:
     """Write `scans` as structured E57: every return with rowIndex, columnIndex, and colour where known.
+
+    Scans with further returns also have returnIndex, from 0, and returnCount, as ASTM E2807 names them.
 
     Coordinates are double in the scanner's frame (z up), the pose is the scan's; projection, noise and name
     go as JSON into the scan's description. pye57's own writer rounds to single precision and draws random
@@ -167,8 +170,6 @@ def _begin(lib: Any, image_file: Any) -> Any:
 def _scan_node(lib: Any, image_file: Any, cloud: RangeImage | InferredPoints, columns: dict[str, Any]) -> Any:
     """Everything of a scan, or of inferred points, but the points; its identifier is that of the content."""
     scan, tops = (cloud if isinstance(cloud, RangeImage) else None), dict[str, int]()
-    if scan is not None and not len(columns["rowIndex"]):
-        raise InputError(f"scan {scan.name!r} has no return; E57 cannot hold an empty grid, use .npz")
     header = cloud.description() if isinstance(cloud, InferredPoints) else scan_header(cloud)
     description = json_text(header, indent=None)
     node = lib.StructureNode(image_file)
@@ -177,7 +178,8 @@ def _scan_node(lib: Any, image_file: Any, cloud: RangeImage | InferredPoints, co
         node.set(key, lib.StringNode(image_file, encodable(text)))
     if scan is not None:
         tops = {"rowIndex": scan.shape[0] - 1, "columnIndex": scan.shape[1] - 1}
-        bounds = {"row": tops["rowIndex"], "column": tops["columnIndex"], "return": 0}
+        tops |= {name: int(columns[name].max()) for name in _RETURNS if name in columns}
+        bounds = {"row": tops["rowIndex"], "column": tops["columnIndex"], "return": tops.get(_RETURNS[0], 0)}
         limits = {f"{name}{end}": top * (end == "Maximum") for name, top in bounds.items() for end in _ENDS}
         node.set("indexBounds", _structure(lib, image_file, limits))
     if "colorRed" in columns:
@@ -194,18 +196,24 @@ def _scan_node(lib: Any, image_file: Any, cloud: RangeImage | InferredPoints, co
 
 
 def _columns(scan: RangeImage) -> dict[str, Any]:
-    """One array a field, valid pixels only, row by row."""
-    row, column = np.nonzero(scan.valid)
-    local = SCANNER_FROM_SENSOR.apply(scan.points_in_sensor()[scan.valid])
+    """One array a field, valid pixels only, row by row, in the scanner's frame."""
+    if not scan.valid.any():
+        raise InputError(f"scan {scan.name!r} has no return; E57 cannot hold an empty grid, use .npz")
+    cloud = cloud_of(scan.with_facts(world_from_sensor=SCANNER_FROM_SENSOR), all_returns=True)
     columns: dict[str, Any] = {
-        f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")
+        f"cartesian{axis}": np.ascontiguousarray(cloud.points[:, i]) for i, axis in enumerate("XYZ")
     }
-    columns["rowIndex"], columns["columnIndex"] = row.astype("q"), column.astype("q")  # pye57 knows no "i"
-    if scan.intensity is not None:
-        columns["intensity"] = np.ascontiguousarray(scan.intensity[scan.valid], dtype=np.float32)
-    if scan.colour is not None:
+    columns["rowIndex"], columns["columnIndex"] = cloud.row.astype("q"), cloud.column.astype("q")
+    if cloud.number is not None and cloud.count is not None:  # pye57 knows no other integers than "q"
+        columns["returnIndex"], columns["returnCount"] = (
+            (cloud.number - 1).astype("q"),
+            cloud.count.astype("q"),
+        )
+    if cloud.intensity is not None:
+        columns["intensity"] = np.ascontiguousarray(cloud.intensity, dtype=np.float32)
+    if cloud.colour is not None:
         for i, name in enumerate(_CHANNELS):
-            columns[f"color{name}"] = colour_bytes(scan.colour[..., i][scan.valid])
+            columns[f"color{name}"] = np.ascontiguousarray(cloud.colour[:, i])
     return columns
 
 
@@ -269,11 +277,12 @@ FORMAT = Format(
     points=each_cloud(E57File),
     scans=each_scan(E57File),
     write=write_e57,
+    all_returns=True,
     facts=FormatFacts(
         title="`.e57`",
         read=(
             "structured scans with rows and columns, in any order; unstructured ones with a pose are "
-            "projected; first returns; `timeStamp`"
+            "projected; first returns, all of ours; `timeStamp`"
         ),
         lost="images, later returns, a second turn of columns; each with a count but images",
         written="several scans: 1e-14 m",

@@ -21,20 +21,18 @@ from scenes.io.formats.format import (
     NO_RAYS,
     Format,
     RawPoints,
-    ScanReturns,
-    cloud_of,
     one_cloud,
     one_scan,
-    scan_of,
     write_single,
 )
 from scenes.io.formats.header import scan_header
+from scenes.io.formats.returns import ScanReturns, cloud_of, scan_of
 from scenes.run.atomic import json_text, write_bytes
 from scenes.scan.range_image import RangeImage
 
 _STEPS_M = (1e-5, 1e-4, 1e-3, 1e-2)  # coordinates are 32-bit counts of such a step, from an offset
 _USER, _RECORD_BYTES = "unseen", 65_000  # our header goes in records of at most so many bytes
-_MOST = 65_535
+_MOST, _MOST_RETURNS = 65_535, 15
 _CHUNK = 100_000  # points that are read at a time
 _COLOURS = ("red", "green", "blue")
 _FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
@@ -185,7 +183,8 @@ def _part(part: Any, header: Mapping[str, Any], largest: int) -> ScanReturns:
     if _SCALE in header:
         light = (np.asarray(part["intensity"], np.float64) * header[_SCALE]).astype(np.float32)
     colour = _narrow(_columns(part, _COLOURS, np.uint16), largest) if largest else None
-    return ScanReturns(_columns(part, "xyz", np.float64), row, column, colour, light)
+    number = np.asarray(part["return_number"], np.int64)
+    return ScanReturns(_columns(part, "xyz", np.float64), row, column, colour, light, number=number)
 
 
 def _read_header(held: Any) -> Mapping[str, Any] | None:
@@ -203,12 +202,17 @@ def write_las(scan: RangeImage, path: Path) -> None:
 
     Coordinates are rounded to the finest step of 0.01 mm to 1 cm that holds them, from an offset beside
     their middle; colours are exact; intensities are scaled to 16 bits. Each point has its `row` and `column`,
-    and records of the user "unseen" hold pose and projection, so that the scan can be read back.
+    its number among the returns of its beam and the number of these. Records of the user "unseen" hold pose
+    and projection, so that the scan can be read back.
 
-    Raises InputError: a scan without returns, or of more than 20,000 km.
+    Raises InputError: a scan without returns, or of more than 20,000 km, or more than 15 returns of a beam.
     """
     laspy = import_extra("laspy", "las")
-    cloud = cloud_of(scan)
+    cloud = cloud_of(scan, all_returns=True)
+    if cloud.count is not None and cloud.count.max() > _MOST_RETURNS:
+        raise InputError(
+            f"a beam has {cloud.count.max()} returns, LAS holds {_MOST_RETURNS}; use .e57 or .npz"
+        )
     header = laspy.LasHeader(
         point_format=_FORMAT_WITHOUT if cloud.colour is None else _FORMAT_WITH_COLOUR, version="1.4"
     )
@@ -226,6 +230,8 @@ def write_las(scan: RangeImage, path: Path) -> None:
     data.x, data.y, data.z = cloud.points.T
     data.row, data.column = cloud.row, cloud.column
     data.return_number = data.number_of_returns = np.ones(len(cloud.points), np.uint8)
+    if cloud.number is not None:
+        data.return_number, data.number_of_returns = cloud.number, cloud.count
     if cloud.intensity is not None:
         data.intensity = np.rint(np.clip(cloud.intensity / record[_SCALE], 0, _MOST)).astype(np.uint16)
     if cloud.colour is not None:
@@ -257,9 +263,10 @@ FORMAT = Format(
     points=one_cloud(read_las_points),
     scans=one_scan(read_las_scan),
     write=write_single(write_las),
+    all_returns=True,
     facts=FormatFacts(
         title="`.las` `.laz`",
-        read="points, scans of ours; GPS times",
+        read="points, scans of ours with all returns; GPS times",
         lost=(
             "withheld points and those classified as noise (7, 18), with a count; intensity, classes and "
             "extra bytes of files by others"

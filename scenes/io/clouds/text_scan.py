@@ -12,8 +12,9 @@ import numpy as np
 from scenes.checks import InputError
 from scenes.io.checks.documents import parse_json
 from scenes.io.formats.columns import COLOURS
-from scenes.io.formats.format import NO_RAYS, ScanReturns, cloud_of, scan_of
+from scenes.io.formats.format import NO_RAYS
 from scenes.io.formats.header import checked_bytes, scan_header
+from scenes.io.formats.returns import ScanReturns, cloud_of, scan_of
 from scenes.run.atomic import atomic_path, to_plain
 from scenes.scan.range_image import RangeImage
 

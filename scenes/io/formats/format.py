@@ -7,23 +7,19 @@ and the command line's texts follow from it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.io.formats.crs import LengthUnit
 from scenes.io.formats.facts import FormatFacts
-from scenes.io.formats.grid_fit import organised_scan
-from scenes.io.formats.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
 from scenes.limits import FINE_M
-from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
 from scenes.scan.doubts import merge_warnings
 from scenes.scan.range_image import RangeImage
@@ -104,85 +100,6 @@ def step_warnings(step_m: float) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanReturns:
-    """The returns of a scan, row by row.
-
-    Attributes
-    ----------
-    points : (n, 3) float
-        World coordinates, metres.
-    row, column : (n,) int64
-        The pixel of each.
-    colour : (n, 3) uint8, optional
-        sRGB.
-    intensity : (n,) float32, optional
-        On the instrument's scale.
-    """
-
-    points: FloatArray
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
-    colour: ColourArray | None = None
-    intensity: NDArray[np.float32] | None = None
-
-
-def cloud_of(scan: RangeImage) -> ScanReturns:
-    """Return the returns of a scan.
-
-    Raises InputError: there is none: a file of points cannot hold an empty grid.
-    """
-    if not scan.valid.any():
-        raise InputError(f"scan {scan.name!r} has no return; a file of points would be empty, use .npz")
-    row, column = np.nonzero(scan.valid)
-    return ScanReturns(
-        points=scan.points()[scan.valid],
-        row=row,
-        column=column,
-        colour=None if scan.colour is None else colour_bytes(scan.colour[scan.valid]),
-        intensity=None if scan.intensity is None else scan.intensity[scan.valid],
-    )
-
-
-def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[ScanReturns]) -> RangeImage:
-    """Return the scan that a cloud of `n_points` with that header was made of, given part after part.
-
-    Raises InputError: pixels outside the image that the header describes, or two points in one.
-    """
-    projection, pose = projection_from_dict(header["projection"]), pose_from_header(dict(header))
-    rows, columns = projection.shape
-    if rows * columns > 1000 * n_points + 1_000_000:
-        raise InputError(f"{n_points} points in a grid of {rows} x {columns}: is its header damaged?")
-    points, seen = allocate((rows, columns, 3), np.float64, np.nan), np.zeros((rows, columns), np.bool_)
-    colour = light = None
-    sensor_from_world, n_bad = pose.inverse(), 0
-    for part in parts:
-        pixel = part.row * columns + part.column
-        inside = (part.row >= 0) & (part.row < rows) & (part.column >= 0) & (part.column < columns)
-        at = part.row, part.column
-        if not inside.all() or seen[at].any() or len(np.unique(pixel)) < len(pixel):
-            raise InputError(
-                f"its points do not each have a pixel of their own in {rows} x {columns}: was the file "
-                "edited? say where the scanner stood (--origin X,Y,Z)"
-            )
-        seen[at], points[at] = True, sensor_from_world.apply(part.points)
-        n_bad += int((~np.isfinite(part.points).all(axis=1)).sum())
-        if part.colour is not None:
-            colour = allocate((rows, columns, 3), np.uint8) if colour is None else colour
-            colour[at] = part.colour
-        if part.intensity is not None:
-            light = allocate((rows, columns), np.float32) if light is None else light
-            light[at] = part.intensity
-        release(points, colour, light)
-    for image in (points, colour, light):
-        if image is not None:
-            image.setflags(write=False)
-    scan = organised_scan(
-        points, projection, world_from_sensor=pose, colour=colour, name="scan", intensity=light
-    )
-    return apply_header(scan, dict(header)).add_warnings(not_finite_warnings(n_bad, n_points))
-
-
 Units = Literal["mm", "cm", "m", "in", "ft", "us-ft"]
 Intrinsics = tuple[float, float, float, float]
 ScanReader = Callable[[], RangeImage]
@@ -249,6 +166,8 @@ class Format:
         Why files of a known format are not read, and the cure.
     is_local : bool
         Whether its coordinates are about the instrument, so that poses are those of the file's own axes.
+    all_returns : bool
+        Whether its files hold all returns of a beam; others hold the first.
     facts : FormatFacts, optional
         Its row of docs/format-table.md; None of formats that are refused.
     """
@@ -263,6 +182,7 @@ class Format:
     marks_misses: bool = False
     refusal: str = ""
     is_local: bool = False
+    all_returns: bool = False
     facts: FormatFacts | None = None
 
 
@@ -368,11 +288,14 @@ def write_single(write: Callable[[RangeImage, Path], None]) -> Callable[[Sequenc
 
 
 def points_of(scans: Sequence[RangeImage]) -> RawPoints:
-    """Return all valid points of organised scans, in the world."""
+    """Return all valid points of organised scans, in the world, those of further returns last."""
     clouds = []
     for scan in scans:
-        colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
-        points = scan.points()[scan.valid]
+        pixel = np.flatnonzero(scan.valid)
+        if scan.echoes is not None:
+            pixel = np.concatenate([pixel, scan.echoes.pixel])
+        colour = None if scan.colour is None else colour_bytes(scan.colour.reshape(-1, 3)[pixel])
+        points = np.concatenate([scan.points()[scan.valid], scan.echo_points()])
         clouds.append(RawPoints(points, origins=scan.origin, colour=colour, step=scan.step_m))
     return join_points(clouds)
 
@@ -411,6 +334,11 @@ def scan_suffixes() -> tuple[str, ...]:
 def written_suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that scans can be written to."""
     return tuple(suffix for known in formats() if known.write for suffix in known.suffixes)
+
+
+def all_return_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that hold all returns of a beam."""
+    return tuple(suffix for known in formats() if known.all_returns for suffix in known.suffixes)
 
 
 def text_suffixes() -> tuple[str, ...]:

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from nbv.scanning.beam import N_RAYS, Footprint, Intensity, beam_pattern, sub_rays
+from nbv.scanning.echoes import ALL, FIRST, LAST, MEAN, STRONGEST, merge_returns
 from nbv.scanning.effects import Effects
-from nbv.scanning.scanner import FIRST, LAST, MEAN, STRONGEST, merge_returns, scan_scene
+from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError, read_only_view
 from tests.helpers.sheet_scenes import EAST, before_wall, sheets
@@ -113,7 +114,7 @@ def test_sub_rays_fill_the_beam():
 
 
 def slow_returns(ranges, cosine, rho, which, resolution):
-    """Merge one beam's rays in plain Python."""
+    """Range, cosine, reflectivity and rays of the chosen return and of all, by plain Python."""
     hits = sorted((r, c, w) for r, c, w in zip(ranges, cosine, rho, strict=True) if np.isfinite(r))
     groups = []
     for hit in hits:
@@ -122,25 +123,32 @@ def slow_returns(ranges, cosine, rho, which, resolution):
         else:
             groups.append([hit])
     if not groups:
-        return [np.inf, 0, 0, 0]
-    light = [sum(max(c * w, 1e-12) / r**2 for r, c, w in group) for group in groups]
-    pick = {FIRST: 0, LAST: -1, MEAN: 0, STRONGEST: int(np.argmax(light))}[which]
-    part = np.array(groups[pick])
-    weight = np.maximum(part[:, 1] * part[:, 2], 1e-12) / part[:, 0] ** 2
-    return [*(weight @ part / weight.sum()), len(part)]
+        return [np.inf, 0, 0, 0], []
+    light, merged = [], []
+    for group in groups:
+        part = np.array(group)
+        weight = np.maximum(part[:, 1] * part[:, 2], 1e-12) / part[:, 0] ** 2
+        light.append(weight.sum())
+        merged.append([*(weight @ part / weight.sum()), len(part)])
+    return merged[{LAST: -1, STRONGEST: int(np.argmax(light))}.get(which, 0)], merged
 
 
-@pytest.mark.parametrize("which", [FIRST, STRONGEST, LAST, MEAN])
+@pytest.mark.parametrize("which", [FIRST, STRONGEST, LAST, MEAN, ALL])
 def test_returns_agree_with_the_slow_reference(which):
     rng = np.random.default_rng(which)
     ranges = rng.choice([1.0, 1.05, 1.3, 2.0, np.inf], (300, 16)) + rng.uniform(0, 0.02, (300, 16))
     ranges[0] = np.inf
     cosine, rho = read_only_view(rng.uniform(0, 1, (300, 16))), rng.uniform(0, 1, (300, 16))
-    out = np.empty((4, 300))
-    merge_returns(ranges, cosine, rho, which, 0.1, out)
+    out, more = np.empty((4, 300)), np.empty((5, 4800))
+    n_more, further = merge_returns(ranges, cosine, rho, which, 0.1, out, more), []
     for beam in range(300):
-        expected = slow_returns(ranges[beam], cosine[beam], rho[beam], which, 0.1)
+        expected, merged = slow_returns(ranges[beam], cosine[beam], rho[beam], which, 0.1)
         np.testing.assert_allclose(out[:, beam], expected, rtol=1e-9)
+        further += [[beam, *one] for one in merged[1:]]
+    if which == ALL:
+        np.testing.assert_allclose(more[:, :n_more].T, further, rtol=1e-9)
+    else:
+        assert n_more == 0
 
 
 @pytest.mark.parametrize(
@@ -148,7 +156,7 @@ def test_returns_agree_with_the_slow_reference(which):
     [
         ({"divergence_rad": -1.0}, "divergence_rad must be between"),
         ({"divergence_rad": 0.0}, "a divergence or an exit diameter"),
-        ({"divergence_rad": 0.001, "returns": "second"}, "first, strongest, last, mean, got 'second'"),
+        ({"divergence_rad": 0.001, "returns": "second"}, "first, strongest, last, mean, all, got 'second'"),
         ({"divergence_rad": 0.001, "range_resolution_m": 0.0}, "strongest returns need a range_resolution_m"),
         ({"divergence_rad": 0.001, "range_resolution_m": -1.0}, "range_resolution_m must be 0 or more"),
     ],

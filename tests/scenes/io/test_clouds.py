@@ -12,8 +12,8 @@ from scenes.checks import InputError
 from scenes.io.checks.limits import limits
 from scenes.io.clouds.las import read_las_points
 from scenes.io.describe import describe
-from scenes.io.formats.format import ScanReturns, cloud_of, scan_of
 from scenes.io.formats.header import scan_header
+from scenes.io.formats.returns import ScanReturns, cloud_of, scan_of
 from scenes.io.formats.station import scan_from_station
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan

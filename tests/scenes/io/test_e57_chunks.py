@@ -9,8 +9,7 @@ import pytest
 
 from scenes.checks import InputError
 from scenes.io.clouds import e57, e57_points
-from scenes.io.clouds.e57 import GridExtent
-from scenes.io.clouds.e57_points import PointChunk
+from scenes.io.clouds.e57_points import GridExtent, PointChunk
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan
 from tests.helpers.long_cases import first_in_gate
@@ -87,7 +86,7 @@ def test_bounds_that_are_announced_change_nothing(
     plain = read_scan(tmp_path / "a.e57")
     low, high = (np.full(2, 2**31), np.zeros(2, int)) if bounds is None else np.reshape(bounds, (2, 2))
     monkeypatch.setattr(
-        e57, "_announced_size", lambda header: GridExtent(header.point_count, low=low, high=high)
+        e57, "announced_size", lambda header: GridExtent(header.point_count, low=low, high=high)
     )
     found = read_scan(tmp_path / "a.e57")
     assert found.warnings == plain.warnings
