@@ -27,7 +27,8 @@ from nbv.run.workers import ThisProcess, _check_versions, cluster
 from nbv.scanning.sensor import PinholeSensor
 from nbv.study.case import PlanArchive, cases_of, run_case
 from nbv.study.pipeline import COLUMNS, SHARES, check_results, groups_of, outcome_of, run_study, write_results
-from nbv.study.spec import read_study
+from nbv.study.scans import sets_of
+from nbv.study.spec import ScanStudySpec, read_study
 from nbv.visibility.candidates import scene_candidates
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
@@ -111,11 +112,11 @@ def test_the_page_on_studies_shows_one_that_can_be_read(tmp_path):
 )
 def test_ready_made_studies_open(study_file):
     spec = read_study(study_file)
-    cases = cases_of(spec)
-    n_parts = [
-        len(part) for part in (spec.scenes, spec.sensors, spec.requirements, spec.planners, spec.seeds)
-    ]
-    assert len(cases) == np.prod(n_parts)
+    if isinstance(spec, ScanStudySpec):
+        cases, varied = sets_of(spec, study_file.parent), (spec.scenes, spec.sensors, spec.poses)
+    else:
+        cases, varied = cases_of(spec), (spec.scenes, spec.sensors, spec.requirements, spec.planners)
+    assert len(cases) == np.prod([len(part) for part in (*varied, spec.seeds)])
     assert f"`{study_file.name}`" in (ROOT / "docs" / "guides" / "studies.md").read_text("utf-8")
 
 
