@@ -64,6 +64,11 @@ class ContactCurve:
     points: FloatArray
 
     @property
+    def reach(self) -> float:
+        """Sampling distances to its contacts: surfaces that touch part slowly, and are confused for longer."""
+        return limits.CONTACT_REACH if self.is_tangent else limits.TOUCH_REACH
+
+    @property
     def tree(self) -> cKDTree:
         """Of the table's points."""
         return cKDTree(self.points)
@@ -292,8 +297,7 @@ class FoldFinder:
             near = curve.tree.query(left)[0] < limits.TOUCH_REACH * self.spacing
             if near.sum() < 2:
                 continue
-            touching = self._instead(curve, left[near])
-            left = self._add(folds, touching or curve, left)
+            left = self._add(folds, self._instead(curve, left[near]) or curve, left)
         for _ in range(_MOST_CURVES):
             if len(left) < 3:
                 break
@@ -305,15 +309,15 @@ class FoldFinder:
 
     def _add(self, folds: list[ContactCurve], curve: ContactCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
-        same = [
-            fold
-            for fold in folds
-            if np.median(fold.tree.query(curve.points)[0]) < limits.SAME_REACH * self.spacing
-        ]
+        apart, nearest = curve.tree.query(left)
+        there = curve.points[nearest[apart < curve.reach * self.spacing]]
+        same = len(there) > 0 and any(
+            np.median(fold.tree.query(there)[0]) < limits.SAME_REACH * self.spacing for fold in folds
+        )
         if not same:
             folds.append(curve)
-        reach = limits.CONTACT_REACH if same or curve.is_tangent else limits.TOUCH_REACH
-        return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
+        reach = limits.CONTACT_REACH if same else curve.reach
+        return np.asarray(left[apart >= reach * self.spacing])
 
     def conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""
@@ -384,14 +388,24 @@ class FoldFinder:
         return tabulate(pair, geometry, span, self.spacing, is_closed=False, is_tangent=is_tangent)
 
     def _instead(self, curve: ContactCurve, contacts: FloatArray) -> ContactCurve | None:
-        """The curve in which the surfaces touch, where they cross so flatly that they are meant to."""
+        """The curve in which the surfaces touch, where they cross so flatly that they are meant to.
+
+        Near it lie no fewer of the contacts (n, 3) than near the crossing.
+        """
         surface, two = (self.surfaces[place] for place in curve.pair)
         near = curve.points[np.unique(curve.tree.query(contacts)[1])]
         turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near))), 0, 1))
         flat = float(np.median(turn))
         if flat > limits.SMOOTH_ANGLE:
             return None
-        return self._tangent_curve(curve.pair, contacts, flat)
+        touching = self._tangent_curve(curve.pair, contacts, flat)
+        if touching is None:
+            return None
+        n, m = (
+            np.count_nonzero(one.tree.query(contacts)[0] < limits.CONTACT_REACH * self.spacing)
+            for one in (touching, curve)
+        )
+        return touching if n >= m else None
 
     def _tangent_curve(self, pair: tuple[int, int], contacts: FloatArray, flat: float) -> ContactCurve | None:
         surface, two = (self.surfaces[place] for place in pair)

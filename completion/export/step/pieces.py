@@ -215,7 +215,7 @@ class _CurveSplitter:
         length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
         n = int(np.clip(np.ceil(length / (limits.SAME_REACH * self.step)), 5, 2000))
         t = low + (np.arange(n) + 0.5) / n * (high - low)
-        return t, self.contacts.query(self.curve.at(t))[0] <= limits.TOUCH_REACH * self.step, length
+        return t, self.contacts.query(self.curve.at(t))[0] <= self.curve.reach * self.step, length
 
     def piece(self, low: float, high: float, ends: tuple[int, int]) -> CurvePiece:
         """The piece of a range."""
