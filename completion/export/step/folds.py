@@ -301,19 +301,20 @@ class FoldFinder:
         for _ in range(_MOST_CURVES):
             if len(left) < 3:
                 break
-            curve = self._follow_curve(pair, left)
+            curve, before = self._follow_curve(pair, left), len(left)
             if curve is None:
                 break
             left = self._add(folds, curve, left)
+            if len(left) == before:
+                break
         return folds
 
     def _add(self, folds: list[ContactCurve], curve: ContactCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
         apart, nearest = curve.tree.query(left)
-        there = curve.points[nearest[apart < curve.reach * self.spacing]]
-        same = len(there) > 0 and any(
-            np.median(fold.tree.query(there)[0]) < limits.SAME_REACH * self.spacing for fold in folds
-        )
+        near = apart < curve.reach * self.spacing
+        there = curve.points[nearest[near]] if near.any() else curve.points
+        same = any(np.median(fold.tree.query(there)[0]) < limits.SAME_REACH * self.spacing for fold in folds)
         if not same:
             folds.append(curve)
         reach = limits.CONTACT_REACH if same else curve.reach
