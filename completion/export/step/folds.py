@@ -8,7 +8,7 @@ meet in a curve that no crossing determines: it is where the normals agree and t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -275,6 +275,22 @@ _CONICS = ("Geom_Line", "Geom_Circle", "Geom_Ellipse", "Geom_Hyperbola", "Geom_P
 _CLOSED = ("Geom_Circle", "Geom_Ellipse")
 _MOST_CURVES = 12
 _MOST_KNOTS = 600
+_ARC_GAP = np.pi / 4  # radians between arcs of an endless conic
+
+
+def _span(feet: Sequence[float], period: float) -> tuple[float, float]:
+    """The range of parameters; of a curve with a period the arc that holds most of them."""
+    t = np.sort(feet)
+    if not period:
+        return float(t[0]), float(t[-1])
+    gap = np.diff(t, append=t[0] + period)
+    cut = np.flatnonzero(gap > _ARC_GAP)
+    if not len(cut):
+        return 0.0, period
+    first = np.append(cut[-1:] + 1 - len(t), cut[:-1] + 1)  # of each arc, whose last foot is at its cut
+    best = int((cut - first).argmax())
+    low = t[first[best]] - (period if first[best] < 0 else 0.0)
+    return float(low), float(t[cut[best]])
 
 
 class FoldFinder:
@@ -369,10 +385,18 @@ class FoldFinder:
     def _trim_curve(
         self, pair: tuple[int, int], geometry: Any, contacts: FloatArray, *, is_tangent: bool
     ) -> ContactCurve | None:
-        """The part of a curve that contacts (n, 3) are near, and some way beyond; all of a closed one."""
+        """The part of a curve that contacts (n, 3) are near, and some way beyond; all of a closed one.
+
+        Of one too large for its table, as of cylinders along each other, only the arc.
+        """
+        period = 0.0
         if type(geometry).__name__ in _CLOSED:
-            span = (0.0, 2 * np.pi)
-            return tabulate(pair, geometry, span, self.spacing, is_closed=True, is_tangent=is_tangent)
+            size = geometry.MajorRadius() if hasattr(geometry, "MajorRadius") else geometry.Radius()
+            period = 2 * np.pi
+            if _FINE * period * size / self.spacing <= _MOST_POINTS:
+                return tabulate(
+                    pair, geometry, (0.0, period), self.spacing, is_closed=True, is_tangent=is_tangent
+                )
         sample = contacts[:: max(1, len(contacts) // 300)]
         project = kernel().GeomAPI.GeomAPI_ProjectPointOnCurve
         feet = list[float]()
@@ -382,11 +406,12 @@ class FoldFinder:
                 feet.append(float(foot.LowerDistanceParameter()))
         if len(feet) < 2:
             return None
-        low, high = min(feet), max(feet)
+        low, high = _span(feet, period)
         speed = np.linalg.norm(np.diff(curve_points(geometry, np.array([low, low + 1e-4])), axis=0)) / 1e-4
-        margin = (6 * self.spacing) / max(float(speed), 1e-9) + 0.25 * (high - low)
+        is_closed = high - low == period > 0
+        margin = 0.0 if is_closed else (6 * self.spacing) / max(float(speed), 1e-9) + 0.25 * (high - low)
         span = (low - margin, high + margin)
-        return tabulate(pair, geometry, span, self.spacing, is_closed=False, is_tangent=is_tangent)
+        return tabulate(pair, geometry, span, self.spacing, is_closed=is_closed, is_tangent=is_tangent)
 
     def _instead(self, curve: ContactCurve, contacts: FloatArray) -> ContactCurve | None:
         """The curve in which the surfaces touch, where they cross so flatly that they are meant to.
