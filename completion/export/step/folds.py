@@ -9,7 +9,7 @@ meet in a curve that no crossing determines: it is where the normals agree and t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,6 +52,8 @@ class ContactCurve:
         Whether the surfaces touch there, instead of crossing.
     t, points : (n,) float, (n, 3) float
         A table of the curve.
+    reach : float
+        Sampling distances to its contacts.
     """
 
     pair: tuple[int, int]
@@ -62,11 +64,7 @@ class ContactCurve:
     is_tangent: bool
     t: FloatArray
     points: FloatArray
-
-    @property
-    def reach(self) -> float:
-        """Sampling distances to its contacts: surfaces that touch part slowly, and are confused for longer."""
-        return limits.CONTACT_REACH if self.is_tangent else limits.TOUCH_REACH
+    reach: float = limits.TOUCH_REACH
 
     @property
     def tree(self) -> cKDTree:
@@ -298,6 +296,7 @@ class FoldFinder:
 
     def __init__(self, surfaces: list[Surface], shapes: list[Any], spacing: float, noise: float) -> None:
         self.surfaces, self.shapes = surfaces, shapes
+        self.noise = noise
         self.spacing, self.tolerance = spacing, max(4 * noise, 0.01 * spacing, 1e-4)
         self.reach = max(8 * noise, limits.COINCIDENT_REACH * spacing)
 
@@ -327,6 +326,7 @@ class FoldFinder:
 
     def _add(self, folds: list[ContactCurve], curve: ContactCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
+        curve = self._with_reach(curve, left)
         apart, nearest = curve.tree.query(left)
         near = apart < curve.reach * self.spacing
         there = curve.points[nearest[near]] if near.any() else curve.points
@@ -335,6 +335,19 @@ class FoldFinder:
             folds.append(curve)
         reach = limits.CONTACT_REACH if same else curve.reach
         return np.asarray(left[apart >= reach * self.spacing])
+
+    def _turn(self, curve: ContactCurve, contacts: FloatArray) -> float:
+        """Radians between the surfaces along a curve near contacts (n, 3)."""
+        near = curve.points[np.unique(curve.tree.query(contacts)[1])]
+        surface, two = (self.surfaces[place] for place in curve.pair)
+        cosine = np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near)))
+        return float(np.median(np.arccos(np.clip(cosine, 0, 1))))
+
+    def _with_reach(self, curve: ContactCurve, contacts: FloatArray) -> ContactCurve:
+        """The curve with its reach: flatter surfaces are taken for each other, by their noise, farther from it."""
+        turn = 0.0 if curve.is_tangent else np.sin(self._turn(curve, contacts))
+        wide = limits.TOUCH_REACH + 2 * self.noise / max(turn, 1e-9) / self.spacing
+        return replace(curve, reach=float(min(wide, limits.CONTACT_REACH)))
 
     def conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""
@@ -418,10 +431,7 @@ class FoldFinder:
 
         Near it lie no fewer of the contacts (n, 3) than near the crossing.
         """
-        surface, two = (self.surfaces[place] for place in curve.pair)
-        near = curve.points[np.unique(curve.tree.query(contacts)[1])]
-        turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near))), 0, 1))
-        flat = float(np.median(turn))
+        flat = self._turn(curve, contacts)
         if flat > limits.SMOOTH_ANGLE:
             return None
         touching = self._tangent_curve(curve.pair, contacts, flat)
