@@ -129,12 +129,16 @@ _MOST_STEPS = 4000
 
 
 class CurvePoints(NamedTuple):
-    """Points (n, 3) moved onto the curve, its directions (n, 3), their gaps (n,), and which hold (n,)."""
+    """Points (n, 3) moved onto the curve, its directions (n, 3), their gaps (n,), and which hold (n,).
+
+    And how far (n,) surfaces that touch have to turn on before their normals agree as little as there.
+    """
 
     points: FloatArray
     along: FloatArray
     gap: FloatArray
     holds: BoolArray
+    width: FloatArray
 
 
 def project_on_curve(surface: Surface, two: Surface, points: FloatArray, *, touching: bool) -> CurvePoints:
@@ -160,14 +164,14 @@ def _project_on_crossing(surface: Surface, two: Surface, points: FloatArray) -> 
     along = along / np.maximum(size, 1e-300)[:, None]
     gap = np.maximum(np.abs(surface.distance(x)), np.abs(two.distance(x)))
     holds = np.isfinite(x).all(axis=1) & (gap < 1e-6) & (size > 1e-3)
-    return CurvePoints(x, along, gap, holds)
+    return CurvePoints(x, along, gap, holds, np.zeros(len(x)))
 
 
 def _project_on_contact(surface: Surface, two: Surface, points: FloatArray) -> CurvePoints:
     x, small = points.copy(), 1e-4
     side = np.sign(np.einsum("ij,ij->i", surface.normal(x), two.normal(x)))
     side = np.where(side == 0, 1.0, side)
-    across = np.zeros_like(x)
+    across, bent = np.zeros_like(x), np.zeros(len(x))
     for _ in range(_N_TRACING_STEPS):
         a, b = surface.normal(x), side[:, None] * two.normal(x)
         middle = (surface.distance(x) + side * two.distance(x)) / 2
@@ -182,7 +186,7 @@ def _project_on_contact(surface: Surface, two: Surface, points: FloatArray) -> C
             bend[:, :, k] = (fore - back) / (2 * small)
         flat = np.eye(3) - up[:, :, None] * up[:, None, :]
         u, s, vt = np.linalg.svd(flat @ bend @ flat)
-        across = vt[:, 0]
+        across, bent = vt[:, 0], s[:, 0]
         turn = np.einsum("ij,ij->i", u[:, :, 0], a - b)
         away = np.where(s[:, 0] > 1e-9, turn / np.maximum(s[:, 0], 1e-9), 0.0)
         step = away[:, None] * across + middle[:, None] * up
@@ -194,7 +198,8 @@ def _project_on_contact(surface: Surface, two: Surface, points: FloatArray) -> C
     along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
     gap = np.abs(surface.distance(x) - side * two.distance(x)) / 2
     holds = np.isfinite(x).all(axis=1) & (np.einsum("ij,ij->i", a, b) > np.cos(np.radians(10.0)))
-    return CurvePoints(x, along, gap, holds)
+    width = np.linalg.norm(a - b, axis=1) / np.maximum(bent, 1e-9)
+    return CurvePoints(x, along, gap, holds, width)
 
 
 class CurvePath(NamedTuple):
@@ -215,6 +220,7 @@ def trace_curve(
     sample = contacts[:: max(1, len(contacts) // 200)]
     start = project_on_curve(surface, two, sample, touching=touching)
     good = start.holds & (np.linalg.norm(start.points - sample, axis=1) < 2 * spacing)
+    good &= start.width < limits.CONTACT_REACH * spacing
     if good.sum() < 2:
         return None
     first = start.points[good]
