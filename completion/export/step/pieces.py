@@ -234,7 +234,8 @@ class _CurveSplitter:
         if not touches.any():
             return []
         on = np.flatnonzero(touches)
-        inset = self.step / max(float(np.linalg.norm(self.curve.slope(low)[1])), 1e-12)
+        inset = self.step * (1 + self.curve.reach - limits.TOUCH_REACH)  # of the last contacts, about
+        inset /= max(float(np.linalg.norm(self.curve.slope(low)[1])), 1e-12)
         first = low if ends[0] >= 0 else min(float(t[on[0]]) + inset, float(t[on[-1]]))
         last = high if ends[1] >= 0 else max(float(t[on[-1]]) - inset, first)
         if last <= first:
