@@ -48,20 +48,15 @@ def test_contacts_that_stray_from_a_crossing_do_not_repeat_it() -> None:
     assert found[0].tree.query(fold)[0].max() < SPACING / 4
 
 
-def test_of_an_endless_ellipse_the_arc_that_was_measured_is_tabulated() -> None:
-    tilt = 1e-4
-    rod = Cylinder((0, 0, 0), (0, 0, 1), 20.0)
-    flat = Plane((12.0, 0, 0), (np.cos(tilt), 0, np.sin(tilt)))
-    z = np.arange(-10, 10, SPACING)
-    x = 12.0 - z * np.tan(tilt)
-    sides = [np.column_stack([x, sign * np.sqrt(400 - x**2), z]) for sign in (1, -1)]
-    found = curves(rod, flat, np.concatenate(sides))
-    assert len(found) == 2
-    for curve in found:
-        assert np.linalg.norm(np.diff(curve.points, axis=0), axis=1).max() < SPACING
-        assert min(curve.tree.query(side)[0].max() for side in sides) < SPACING / 4
-    for side in sides:
-        assert min(curve.tree.query(side)[0].max() for curve in found) < SPACING / 4
+def test_cylinders_along_each_other_meet_once_in_an_arc_of_an_endless_circle() -> None:
+    rod = Cylinder((-12.168, 16.742, 12.698), (-1.44e-4, -1.72e-5, 1.0), 14.812)
+    drum = Cylinder((55.741, 176.752, 12.734), (0.00840652, -0.00325042, 0.99995938), 159.92)
+    z = np.repeat(np.arange(0, 25.4, SPACING), 2)
+    line = np.column_stack([np.full(len(z), -2.195), np.full(len(z), 27.695), z])
+    found = curves(rod, drum, line + [[0.4, 0, 0], [-0.4, 0, 0]] * (len(z) // 2))
+    assert len(found) == 1
+    assert np.linalg.norm(np.diff(found[0].points, axis=0), axis=1).max() < SPACING
+    assert found[0].tree.query(line)[0].max() < SPACING
 
 
 @pytest.mark.parametrize(("degrees", "noise", "reach"), [(90, 0.0, 1.6), (90, 0.1, 2.0), (10, 0.1, 3.0)])
