@@ -135,8 +135,12 @@ class _Follower(NamedTuple):
     touching: bool
 
     def from_point(self, start: FloatArray, along: FloatArray) -> tuple[FloatArray, bool]:
-        """Points (n, 3) from one on, and whether they came back to it."""
+        """Points (n, 3) from one on, and whether they came back to it: where most of the way has contacts.
+
+        Ways that do not come back end some way beyond the first gap in the contacts.
+        """
         path, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
+        kept, bare = 0, 0.0
         here, way = start, along
         for _ in range(_MOST_STEPS):
             next_ = project_on_curve(
@@ -160,8 +164,11 @@ class _Follower(NamedTuple):
                     path.pop()
                 return np.array(path), True
             path.append(here)
-            lost = lost + moved if self.tree.query(here)[0] > 2.5 * self.spacing else 0.0
+            is_bare = self.tree.query(here)[0] > limits.MEASURED_REACH * self.spacing
+            lost, bare = (lost + moved, bare + moved) if is_bare else (0.0, bare)
             if lost > 6 * self.spacing:
-                break
+                kept = kept or len(path)
+                if bare > limits.MAJORITY * gone:
+                    break
             step = min(step * 1.5, self.spacing / 1.5)
-        return np.array(path), False
+        return np.array(path[: kept or None]), False

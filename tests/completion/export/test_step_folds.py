@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from completion.export.step import limits
 from completion.export.step.boundaries import OpenEnds
@@ -103,3 +104,18 @@ def test_an_open_chain_without_width_bounds_nothing() -> None:
     assert closed == RegionLoops([], [])
     assert at is None
     assert len(ends.pieces) == 1
+
+
+@pytest.mark.parametrize(("missing", "is_closed"), [(0.2, True), (0.7, False)])
+def test_a_traced_curve_closes_across_a_gap_if_most_of_it_has_contacts(
+    missing: float, is_closed: bool
+) -> None:
+    rod, pipe = Cylinder((0, 0, 0), (0, 0, 1), 8.0), Cylinder((0, 0, 0), (1, 0, 0), 15.0)
+    angle = np.linspace(0, 2 * np.pi * (1 - missing), 120)
+    y = 8 * np.sin(angle)
+    fold = np.column_stack([8 * np.cos(angle), y, np.sqrt(225 - y**2)])
+    path = trace_curve(rod, pipe, fold, SPACING, touching=False)
+    assert path is not None
+    assert path.is_closed == is_closed
+    beyond = cKDTree(fold).query(path.points)[0].max()
+    assert is_closed or 3 * SPACING < beyond < 10 * SPACING
