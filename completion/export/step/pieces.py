@@ -133,18 +133,19 @@ def _clamp_parameter(curve: ContactCurve, t: float) -> float:
 
 
 def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]]:
-    """Crossings that are one corner: the exact ones first, each with those near it."""
+    """Crossings that are one corner: the exact ones first, each with those near it, as near as their gaps."""
     order = sorted(range(len(crossings)), key=lambda k: (*crossings[k].rank, k))
-    heads, groups = list[FloatArray](), list[list[_Crossing]]()
+    heads, gaps, groups = list[FloatArray](), list[float](), list[list[_Crossing]]()
     for k in order:
         crossing = crossings[k]
         if heads:
             apart = np.linalg.norm(np.array(heads) - crossing.point, axis=1)
             best = int(apart.argmin())
-            if apart[best] <= near:
+            if apart[best] <= max(near, crossing.gap + gaps[best]):
                 groups[best].append(crossing)
                 continue
         heads.append(crossing.point)
+        gaps.append(crossing.gap)
         groups.append([crossing])
     return groups
 

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from completion.export.step import limits
 from completion.export.step.boundaries import OpenEnds
 from completion.export.step.folds import ContactCurve, FoldFinder, tabulate
-from completion.export.step.kernel import kernel_surface, line_through
-from completion.export.step.pieces import CurveCorner, LoopSide, RegionLoops, pieces_of
+from completion.export.step.kernel import circle_through, kernel_surface, line_through
+from completion.export.step.pieces import CurveCorner, LoopSide, RegionLoops, corners_of, pieces_of
 from completion.export.step.tracing import trace_curve
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Surface
 from tests.helpers.step_examples import needs_kernel
@@ -119,3 +119,23 @@ def test_a_traced_curve_closes_across_a_gap_if_most_of_it_has_contacts(
     assert path.is_closed == is_closed
     beyond = cKDTree(fold).query(path.points)[0].max()
     assert is_closed or 3 * SPACING < beyond < 10 * SPACING
+
+
+def test_edges_of_surfaces_that_touch_with_a_gap_meet_in_one_corner() -> None:
+    gap, step, angle = 0.1, SPACING / 2, np.arange(40) * np.pi / 20
+    rings = [
+        np.column_stack([3 * np.cos(angle), sign * (3 + gap) + 3 * np.sin(angle), 0 * angle])
+        for sign in (1, -1)
+    ]
+    edges = [
+        tabulate((k, 2), circle_through(ring, 1e-6), (0, 2 * np.pi), step, is_closed=True, is_tangent=False)
+        for k, ring in enumerate(rings)
+    ]
+    touch = tabulate(
+        (0, 1), line_through(np.array([[0.0, 0, -1], [0, 0, 1]]), 1e-6), (-2, 2), step, is_closed=False,
+        is_tangent=True,
+    )  # fmt: skip
+    (corner,) = corners_of([*edges, touch], step)
+    assert set(corner.at) == {0, 1, 2}
+    assert corner.off == pytest.approx(1.5 * gap, abs=0.6 * gap)
+    assert np.linalg.norm(corner.point) < gap
