@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from completion.export.step.folds import ContactCurve, tabulate
+from completion.export.step.folds import ContactCurve, curve_points, tabulate
 from completion.export.step.kernel import (
     axis_of,
     interpolate,
@@ -31,13 +31,21 @@ from completion.export.step.kernel import (
     turns_of,
     winding_number,
 )
-from completion.export.step.limits import END_QUANTILE, FAR_REACH, MAJORITY, SEAM_ANGLE, SECTOR_ANGLE
+from completion.export.step.limits import (
+    END_QUANTILE,
+    FAR_REACH,
+    MAJORITY,
+    SAME_REACH,
+    SEAM_ANGLE,
+    SECTOR_ANGLE,
+)
 from completion.export.step.pieces import CurveCorner, CurvePiece, LoopSide, RegionLoops, loop_points
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import cross
 
 _N_POINTS = 25  # of an added edge
+_MOST_ALONG = 1000  # places along one
 
 
 class OpenEnds:
@@ -58,11 +66,12 @@ class OpenEnds:
         self, place: int, loops: RegionLoops, points: FloatArray
     ) -> tuple[RegionLoops, FloatArray | None]:
         """The loops of a region of points (n, 3) with its open ends closed, and where (3,) there was one."""
-        if loops.open_chains:
-            joined = self._join_chains(place, loops.open_chains, points)
+        chains = [chain for chain in loops.open_chains if not self._is_sliver(place, chain, points)]
+        if chains:
+            joined = self._join_chains(place, chains, points)
             if joined is None:
                 return loops, None
-            end = self._ends(loops.open_chains[0])[1]
+            end = self._ends(chains[0])[1]
             return RegionLoops([*loops.closed, *joined], []), self.corners[end].point
         rims = self._rims(place, loops.closed, points)
         at = self.curves[self.pieces[rims[0][0].piece].curve].points[0] if rims else None
@@ -72,6 +81,16 @@ class OpenEnds:
         first, last = chain[0], chain[-1]
         begin = self.pieces[first.piece].ends[0 if first.is_forward else 1]
         return begin, self.pieces[last.piece].ends[1 if last.is_forward else 0]
+
+    def _is_sliver(self, place: int, chain: Sequence[LoopSide], points: FloatArray) -> bool:
+        """Whether a chain closes along itself, without width: no region lies in it."""
+        begin, end = (self.corners[corner].point for corner in self._ends(chain))
+        back = self._along(place, end, begin, cKDTree(points))
+        if back is None:
+            return False
+        way = curve_points(back, np.linspace(back.FirstParameter(), back.LastParameter(), _MOST_ALONG))
+        apart = cKDTree(way).query(loop_points(chain, self.pieces, self.curves))[0]
+        return bool(apart.max() < SAME_REACH * self.spacing)
 
     def _join_chains(
         self, place: int, chains: Sequence[list[LoopSide]], points: FloatArray

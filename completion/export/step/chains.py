@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.export.step import limits
-from completion.export.step.folds import ContactCurve, CurvePath, FoldFinder, project_on_curve, tabulate
+from completion.export.step.folds import ContactCurve, FoldFinder, tabulate
 from completion.export.step.kernel import circle_through, interpolate, kernel, kernel_point, line_through
 from completion.export.step.pieces import CurveCorner, CurvePiece, LoopSide, RegionLoops
 from completion.export.step.regions import RegionMesh, place_text
+from completion.export.step.tracing import CurvePath, project_on_curve
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Surface
 

@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Folds of two surfaces: the curves that their contacts lie on, exact conics where there are any.
-
-Tracing: points on the curve where two surfaces cross, or where they touch.
-Crossing surfaces: Newton's steps of least length on both distances. Touching ones (a fillet and its wall)
-meet in a curve that no crossing determines: it is where the normals agree and the surface midway passes.
-"""
+"""Folds of two surfaces: the curves that their contacts lie on, exact conics where there are any."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -26,7 +21,8 @@ from completion.export.step.kernel import (
     kernel_surface,
     line_through,
 )
-from scenes.checks import BoolArray, FloatArray
+from completion.export.step.tracing import CurvePath, project_on_curve, trace_curve
+from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _LEAST_POINTS, _MOST_POINTS = 48, 3000  # of a table
@@ -52,6 +48,8 @@ class ContactCurve:
         Whether the surfaces touch there, instead of crossing.
     t, points : (n,) float, (n, 3) float
         A table of the curve.
+    reach : float
+        Sampling distances to its contacts.
     """
 
     pair: tuple[int, int]
@@ -62,6 +60,7 @@ class ContactCurve:
     is_tangent: bool
     t: FloatArray
     points: FloatArray
+    reach: float = limits.TOUCH_REACH
 
     @property
     def tree(self) -> cKDTree:
@@ -121,155 +120,26 @@ def tabulate(
     )  # fmt: skip
 
 
-_N_TRACING_STEPS = 12
-_MOST_STEPS = 4000
-
-
-class CurvePoints(NamedTuple):
-    """Points (n, 3) moved onto the curve, its directions (n, 3), their gaps (n,), and which hold (n,)."""
-
-    points: FloatArray
-    along: FloatArray
-    gap: FloatArray
-    holds: BoolArray
-
-
-def project_on_curve(surface: Surface, two: Surface, points: FloatArray, *, touching: bool) -> CurvePoints:
-    """Move points (n, 3) near the curve of two surfaces onto it."""
-    return (
-        _project_on_contact(surface, two, points) if touching else _project_on_crossing(surface, two, points)
-    )
-
-
-def _project_on_crossing(surface: Surface, two: Surface, points: FloatArray) -> CurvePoints:
-    x = points.copy()
-    for _ in range(_N_TRACING_STEPS):
-        a, b = surface.normal(x), two.normal(x)
-        d, e = surface.distance(x), two.distance(x)
-        c = np.einsum("ij,ij->i", a, b)
-        sine2 = np.maximum(1 - c**2, 1e-12)
-        step = ((d - c * e) / sine2)[:, None] * a + ((e - c * d) / sine2)[:, None] * b
-        x = x - step
-        if np.abs(step).max(initial=0.0) < limits.TRACING_EXACT:
-            break
-    along = np.cross(surface.normal(x), two.normal(x))
-    size = np.linalg.norm(along, axis=1)
-    along = along / np.maximum(size, 1e-300)[:, None]
-    gap = np.maximum(np.abs(surface.distance(x)), np.abs(two.distance(x)))
-    holds = np.isfinite(x).all(axis=1) & (gap < 1e-6) & (size > 1e-3)
-    return CurvePoints(x, along, gap, holds)
-
-
-def _project_on_contact(surface: Surface, two: Surface, points: FloatArray) -> CurvePoints:
-    x, small = points.copy(), 1e-4
-    side = np.sign(np.einsum("ij,ij->i", surface.normal(x), two.normal(x)))
-    side = np.where(side == 0, 1.0, side)
-    across = np.zeros_like(x)
-    for _ in range(_N_TRACING_STEPS):
-        a, b = surface.normal(x), side[:, None] * two.normal(x)
-        middle = (surface.distance(x) + side * two.distance(x)) / 2
-        up = a + b
-        up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-12)
-        bend = np.empty((len(x), 3, 3))
-        for k in range(3):
-            shift = np.zeros(3)
-            shift[k] = small
-            fore = surface.normal(x + shift) - side[:, None] * two.normal(x + shift)
-            back = surface.normal(x - shift) - side[:, None] * two.normal(x - shift)
-            bend[:, :, k] = (fore - back) / (2 * small)
-        flat = np.eye(3) - up[:, :, None] * up[:, None, :]
-        u, s, vt = np.linalg.svd(flat @ bend @ flat)
-        across = vt[:, 0]
-        turn = np.einsum("ij,ij->i", u[:, :, 0], a - b)
-        away = np.where(s[:, 0] > 1e-9, turn / np.maximum(s[:, 0], 1e-9), 0.0)
-        step = away[:, None] * across + middle[:, None] * up
-        x = x - step
-        if np.abs(step).max(initial=0.0) < limits.TRACING_EXACT:
-            break
-    a, b = surface.normal(x), side[:, None] * two.normal(x)
-    along = np.cross(a + b, across)
-    along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
-    gap = np.abs(surface.distance(x) - side * two.distance(x)) / 2
-    holds = np.isfinite(x).all(axis=1) & (np.einsum("ij,ij->i", a, b) > np.cos(np.radians(10.0)))
-    return CurvePoints(x, along, gap, holds)
-
-
-class CurvePath(NamedTuple):
-    """Points (n, 3) in order along a curve, and whether it returns to the first."""
-
-    points: FloatArray
-    is_closed: bool
-    gap: float
-
-
-def trace_curve(
-    surface: Surface, two: Surface, contacts: FloatArray, spacing: float, *, touching: bool
-) -> CurvePath | None:
-    """Follow the curve of two surfaces as far as there are contacts (n, 3), and some way beyond.
-
-    None where no contact leads to such a curve within two sampling distances.
-    """
-    sample = contacts[:: max(1, len(contacts) // 200)]
-    start = project_on_curve(surface, two, sample, touching=touching)
-    good = start.holds & (np.linalg.norm(start.points - sample, axis=1) < 2 * spacing)
-    if good.sum() < 2:
-        return None
-    first = start.points[good]
-    centre = int(np.argmin(np.linalg.norm(first - np.median(first, axis=0), axis=1)))
-    tree = cKDTree(contacts)
-    follow = _Follower(surface, two, tree, spacing, touching)
-    ahead, is_closed = follow.from_point(first[centre], start.along[good][centre])
-    gap = float(np.median(start.gap[good]))
-    if is_closed:
-        return CurvePath(ahead, True, gap)
-    behind, _ = follow.from_point(first[centre], -start.along[good][centre])
-    return CurvePath(np.concatenate([behind[:0:-1], ahead]), False, gap)
-
-
-class _Follower(NamedTuple):
-    surface: Surface
-    two: Surface
-    tree: cKDTree
-    spacing: float
-    touching: bool
-
-    def from_point(self, start: FloatArray, along: FloatArray) -> tuple[FloatArray, bool]:
-        """Points (n, 3) from one on, and whether they came back to it."""
-        path, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
-        here, way = start, along
-        for _ in range(_MOST_STEPS):
-            next_ = project_on_curve(
-                self.surface, self.two, (here + step * way)[None], touching=self.touching
-            )
-            ahead = next_.along[0] * np.sign(next_.along[0] @ way)
-            moved = float(np.linalg.norm(next_.points[0] - here))
-            fine = bool(next_.holds[0]) and 0.3 * step < moved < 1.7 * step
-            if not fine or ahead @ way < np.cos(limits.MOST_TURN):
-                step /= 2
-                if step < 1e-3 * self.spacing:
-                    break
-                continue
-            here, way, gone = next_.points[0], ahead, gone + moved
-            if gone > 3 * step and np.linalg.norm(here - start) < 1.01 * step and (start - here) @ way >= 0:
-                if np.linalg.norm(here - start) < 0.3 * step and len(path) > 3:
-                    path.pop()
-                    here = path[-1]
-                path.append(next_.points[0])
-                if np.linalg.norm(path[-1] - start) < 0.3 * step:
-                    path.pop()
-                return np.array(path), True
-            path.append(here)
-            lost = lost + moved if self.tree.query(here)[0] > 2.5 * self.spacing else 0.0
-            if lost > 6 * self.spacing:
-                break
-            step = min(step * 1.5, self.spacing / 1.5)
-        return np.array(path), False
-
-
 _CONICS = ("Geom_Line", "Geom_Circle", "Geom_Ellipse", "Geom_Hyperbola", "Geom_Parabola")
 _CLOSED = ("Geom_Circle", "Geom_Ellipse")
 _MOST_CURVES = 12
 _MOST_KNOTS = 600
+_ARC_GAP = np.pi / 4  # radians between arcs of an endless conic
+
+
+def _span(feet: Sequence[float], period: float) -> tuple[float, float]:
+    """The range of parameters; of a curve with a period the arc that holds most of them."""
+    t = np.sort(feet)
+    if not period:
+        return float(t[0]), float(t[-1])
+    gap = np.diff(t, append=t[0] + period)
+    cut = np.flatnonzero(gap > _ARC_GAP)
+    if not len(cut):
+        return 0.0, period
+    first = np.append(cut[-1:] + 1 - len(t), cut[:-1] + 1)  # of each arc, whose last foot is at its cut
+    best = int((cut - first).argmax())
+    low = t[first[best]] - (period if first[best] < 0 else 0.0)
+    return float(low), float(t[cut[best]])
 
 
 class FoldFinder:
@@ -277,6 +147,7 @@ class FoldFinder:
 
     def __init__(self, surfaces: list[Surface], shapes: list[Any], spacing: float, noise: float) -> None:
         self.surfaces, self.shapes = surfaces, shapes
+        self.noise = noise
         self.spacing, self.tolerance = spacing, max(4 * noise, 0.01 * spacing, 1e-4)
         self.reach = max(8 * noise, limits.COINCIDENT_REACH * spacing)
 
@@ -292,28 +163,42 @@ class FoldFinder:
             near = curve.tree.query(left)[0] < limits.TOUCH_REACH * self.spacing
             if near.sum() < 2:
                 continue
-            touching = self._instead(curve, left[near])
-            left = self._add(folds, touching or curve, left)
+            left = self._add(folds, self._instead(curve, left[near]) or curve, left)
         for _ in range(_MOST_CURVES):
             if len(left) < 3:
                 break
-            curve = self._follow_curve(pair, left)
+            curve, before = self._follow_curve(pair, left), len(left)
             if curve is None:
                 break
             left = self._add(folds, curve, left)
+            if len(left) == before:
+                break
         return folds
 
     def _add(self, folds: list[ContactCurve], curve: ContactCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
-        same = [
-            fold
-            for fold in folds
-            if np.median(fold.tree.query(curve.points)[0]) < limits.SAME_REACH * self.spacing
-        ]
+        curve = self._with_reach(curve, left)
+        apart, nearest = curve.tree.query(left)
+        near = apart < curve.reach * self.spacing
+        there = curve.points[nearest[near]] if near.any() else curve.points
+        same = any(np.median(fold.tree.query(there)[0]) < limits.SAME_REACH * self.spacing for fold in folds)
         if not same:
             folds.append(curve)
-        reach = limits.CONTACT_REACH if same or curve.is_tangent else limits.TOUCH_REACH
-        return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
+        reach = limits.CONTACT_REACH if same else curve.reach
+        return np.asarray(left[apart >= reach * self.spacing])
+
+    def _turn(self, curve: ContactCurve, contacts: FloatArray) -> float:
+        """Radians between the surfaces along a curve near contacts (n, 3)."""
+        near = curve.points[np.unique(curve.tree.query(contacts)[1])]
+        surface, two = (self.surfaces[place] for place in curve.pair)
+        cosine = np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near)))
+        return float(np.median(np.arccos(np.clip(cosine, 0, 1))))
+
+    def _with_reach(self, curve: ContactCurve, contacts: FloatArray) -> ContactCurve:
+        """The curve with its reach: flat surfaces are taken for each other, by noise, far from it."""
+        turn = 0.0 if curve.is_tangent else np.sin(self._turn(curve, contacts))
+        wide = limits.TOUCH_REACH + 2 * self.noise / max(turn, 1e-9) / self.spacing
+        return replace(curve, reach=float(min(wide, limits.CONTACT_REACH)))
 
     def conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""
@@ -364,10 +249,18 @@ class FoldFinder:
     def _trim_curve(
         self, pair: tuple[int, int], geometry: Any, contacts: FloatArray, *, is_tangent: bool
     ) -> ContactCurve | None:
-        """The part of a curve that contacts (n, 3) are near, and some way beyond; all of a closed one."""
+        """The part of a curve that contacts (n, 3) are near, and some way beyond; all of a closed one.
+
+        Of one too large for its table, as of cylinders along each other, only the arc.
+        """
+        period = 0.0
         if type(geometry).__name__ in _CLOSED:
-            span = (0.0, 2 * np.pi)
-            return tabulate(pair, geometry, span, self.spacing, is_closed=True, is_tangent=is_tangent)
+            size = geometry.MajorRadius() if hasattr(geometry, "MajorRadius") else geometry.Radius()
+            period = 2 * np.pi
+            if _FINE * period * size / self.spacing <= _MOST_POINTS:
+                return tabulate(
+                    pair, geometry, (0.0, period), self.spacing, is_closed=True, is_tangent=is_tangent
+                )
         sample = contacts[:: max(1, len(contacts) // 300)]
         project = kernel().GeomAPI.GeomAPI_ProjectPointOnCurve
         feet = list[float]()
@@ -377,21 +270,29 @@ class FoldFinder:
                 feet.append(float(foot.LowerDistanceParameter()))
         if len(feet) < 2:
             return None
-        low, high = min(feet), max(feet)
+        low, high = _span(feet, period)
         speed = np.linalg.norm(np.diff(curve_points(geometry, np.array([low, low + 1e-4])), axis=0)) / 1e-4
-        margin = (6 * self.spacing) / max(float(speed), 1e-9) + 0.25 * (high - low)
+        is_closed = high - low == period > 0
+        margin = 0.0 if is_closed else (6 * self.spacing) / max(float(speed), 1e-9) + 0.25 * (high - low)
         span = (low - margin, high + margin)
-        return tabulate(pair, geometry, span, self.spacing, is_closed=False, is_tangent=is_tangent)
+        return tabulate(pair, geometry, span, self.spacing, is_closed=is_closed, is_tangent=is_tangent)
 
     def _instead(self, curve: ContactCurve, contacts: FloatArray) -> ContactCurve | None:
-        """The curve in which the surfaces touch, where they cross so flatly that they are meant to."""
-        surface, two = (self.surfaces[place] for place in curve.pair)
-        near = curve.points[np.unique(curve.tree.query(contacts)[1])]
-        turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near))), 0, 1))
-        flat = float(np.median(turn))
+        """The curve in which the surfaces touch, where they cross so flatly that they are meant to.
+
+        Near it lie no fewer of the contacts (n, 3) than near the crossing.
+        """
+        flat = self._turn(curve, contacts)
         if flat > limits.SMOOTH_ANGLE:
             return None
-        return self._tangent_curve(curve.pair, contacts, flat)
+        touching = self._tangent_curve(curve.pair, contacts, flat)
+        if touching is None:
+            return None
+        n, m = (
+            np.count_nonzero(one.tree.query(contacts)[0] < limits.CONTACT_REACH * self.spacing)
+            for one in (touching, curve)
+        )
+        return touching if n >= m else None
 
     def _tangent_curve(self, pair: tuple[int, int], contacts: FloatArray, flat: float) -> ContactCurve | None:
         surface, two = (self.surfaces[place] for place in pair)

@@ -133,18 +133,19 @@ def _clamp_parameter(curve: ContactCurve, t: float) -> float:
 
 
 def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]]:
-    """Crossings that are one corner: the exact ones first, each with those near it."""
+    """Crossings that are one corner: the exact ones first, each with those near it, as near as their gaps."""
     order = sorted(range(len(crossings)), key=lambda k: (*crossings[k].rank, k))
-    heads, groups = list[FloatArray](), list[list[_Crossing]]()
+    heads, gaps, groups = list[FloatArray](), list[float](), list[list[_Crossing]]()
     for k in order:
         crossing = crossings[k]
         if heads:
             apart = np.linalg.norm(np.array(heads) - crossing.point, axis=1)
             best = int(apart.argmin())
-            if apart[best] <= near:
+            if apart[best] <= max(near, crossing.gap + gaps[best]):
                 groups[best].append(crossing)
                 continue
         heads.append(crossing.point)
+        gaps.append(crossing.gap)
         groups.append([crossing])
     return groups
 
@@ -215,7 +216,7 @@ class _CurveSplitter:
         length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
         n = int(np.clip(np.ceil(length / (limits.SAME_REACH * self.step)), 5, 2000))
         t = low + (np.arange(n) + 0.5) / n * (high - low)
-        return t, self.contacts.query(self.curve.at(t))[0] <= limits.TOUCH_REACH * self.step, length
+        return t, self.contacts.query(self.curve.at(t))[0] <= self.curve.reach * self.step, length
 
     def piece(self, low: float, high: float, ends: tuple[int, int]) -> CurvePiece:
         """The piece of a range."""
@@ -234,7 +235,8 @@ class _CurveSplitter:
         if not touches.any():
             return []
         on = np.flatnonzero(touches)
-        inset = self.step / max(float(np.linalg.norm(self.curve.slope(low)[1])), 1e-12)
+        inset = self.step * (1 + self.curve.reach - limits.TOUCH_REACH)  # of the last contacts, about
+        inset /= max(float(np.linalg.norm(self.curve.slope(low)[1])), 1e-12)
         first = low if ends[0] >= 0 else min(float(t[on[0]]) + inset, float(t[on[-1]]))
         last = high if ends[1] >= 0 else max(float(t[on[-1]]) - inset, first)
         if last <= first:
