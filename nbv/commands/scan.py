@@ -63,8 +63,8 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
         world = open_scene(asked.scene, up=asked.up, units=asked.units)
         profile = load_profile(asked.sensor)
         warnings = [*world.warnings, *missing_errors(profile.sensor, noise)]
-        run.warn(warnings)
         _check_returns(run.out, chosen_effects(profile.sensor, noise), asked.returns)
+        run.warn(warnings)
         run.watch.enter("scan")
         caster = world.ray_caster(shared.threads)
         taken = []

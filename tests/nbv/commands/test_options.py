@@ -34,7 +34,7 @@ DOCUMENTED = {
     "check": "tolerance registration align=yes only without false-alarms=0.05 no-return=unknown infer next "
     "sensor=generic60 loa before bcf=3.0 sigma register origin intrinsics depth-scale poses trajectory "
     "units=m design-units up",
-    "study": "scheduler",
+    "study": "part scheduler",
     "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
     "keep-poses register resolution origin edits relations=auto features=auto flatten texture "
     "no-texture export export-units=m tolerance=0.01 observed=auto scheduler intrinsics depth-scale poses "
