@@ -64,7 +64,6 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
         profile = load_profile(asked.sensor)
         warnings = [*world.warnings, *missing_errors(profile.sensor, noise)]
         _check_returns(run.out, chosen_effects(profile.sensor, noise), asked.returns)
-        run.warn(warnings)
         run.watch.enter("scan")
         caster = world.ray_caster(shared.threads)
         taken = []
@@ -77,6 +76,7 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
                     rng=seed, caster=caster, n_threads=shared.threads, name=name,
                 )
             )  # fmt: skip
+        run.warn(warnings)
         run.warn(f"{scan.name} has no returns: {_EMPTY}" for scan in taken if not scan.valid.any())
         if is_folder:
             check_no_other_frames(run.out, len(taken))
