@@ -33,6 +33,8 @@ SMOOTH = float(np.radians(12.0))
 """Between neighbours at their corner, below which they may be tangent: noise of .1 mm on arcs of 4 mm."""
 SWEPT = float(np.radians(15.0))
 """Of a face to the motion of its points, below which it may be swept: a small cone on a noisy wall is."""
+EXACT = 1e-6
+"""Of the extent of a part: noise of exact points, as 32-bit numbers give them. By choice."""
 GUARD = 2.0
 """Deviations of noise from a corner within which a point may be round it."""
 CUT = 4.0

@@ -56,6 +56,8 @@ def profiles_of(part: RelatedPart, options: RelationOptions = DRAWN) -> tuple[Pr
         Revolutions first, then extrusions, those that explain most of the part before others. Empty where
         nothing is swept.
     """
+    extent = float(np.ptp(part.points, axis=0).max())
+    part = replace(part, noise_m=max(part.noise_m, limits.EXACT * extent))
     points, label = surface_points(part)
     sample = [points[label == number] for number in part.labels]
 

@@ -29,6 +29,7 @@ from completion.parts.profiles.sweep import Sweep, directions_of
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
+from tests.helpers.step_examples import box
 
 POSE = Pose.from_parts(Rotation.from_euler("xyz", (0.4, -0.7, 1.1)).as_matrix(), np.array([0.1, -0.2, 0.3]))
 SIGMA_MM = 0.02
@@ -249,3 +250,13 @@ def test_a_countersink_of_a_model_keeps_its_angle_and_mouth(sections):
     slopes = [(one.end - one.start)[:2] for one in segments if one.centre is None]
     cone = next(slope for slope in slopes if np.abs(slope).min() > 1e-4)
     assert np.abs(cone) == pytest.approx([2.5e-3, 2.5e-3], abs=1e-6)
+
+
+def test_exact_points_have_profiles_too():
+    """Points without any noise, of a block 18 x 12 x 8 mm: its section is a rectangle."""
+    block = model_part(np.concatenate([own for _, own in box((0.018, 0.012, 0.008))]))
+    (profile,) = profiles_of(block)
+    (loop,) = profile.loops
+    sides = [float(np.linalg.norm(one.end - one.start)) for one in loop.segments]
+    assert [one.centre for one in loop.segments] == [None] * 4
+    assert sorted([*sides[:2], loop.high_m - loop.low_m]) == pytest.approx([0.008, 0.012, 0.018], abs=1e-6)
