@@ -299,6 +299,8 @@ def _surfaces(shape: Any) -> list[Any]:
 
 def _told(surface: Any) -> tuple[str, FloatArray, FloatArray]:
     names = {"Plane": "plane", "Cylindrical": "cylinder", "Conical": "cone", "Spherical": "sphere"}
+    while hasattr(surface, "BasisSurface"):
+        surface = surface.BasisSurface()
     word = type(surface).__name__.removeprefix("Geom_").removesuffix("Surface")
     axis = surface.Position().Axis()
     place = np.array(axis.Location().Coord()) / 1000

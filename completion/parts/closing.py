@@ -15,9 +15,10 @@ import numpy as np
 import shapely
 from scipy.spatial import Delaunay, cKDTree
 
-from completion.parts.division.limits import NEARLY_ALL, WIDEST_HOLE
+from completion.parts.division.limits import NEARLY_ALL, ROUNDED_OFF, WIDEST_HOLE
 from completion.parts.part import Part
 from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.mesh.merging import merge_vertices
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 _LEFT = {
@@ -89,7 +90,10 @@ def close_holes(part: Part) -> ClosedPart | None:
     """
     if part.faces is None or part.triangle_surface is None or not len(part.faces):
         return None
-    loops = list(_borders(part.faces))
+    size = float(np.linalg.norm(np.ptp(part.points, axis=0)))
+    _, place = merge_vertices(part.points, ROUNDED_OFF * size)  # files of triangles share no corners
+    first = np.unique(place, return_index=True)[1]
+    loops = [(first[loop], beside) for loop, beside in _borders(place[part.faces])]
     if not loops:
         return None
     points, faces, surface, left = [part.points], [part.faces], [part.triangle_surface], Counter[str]()

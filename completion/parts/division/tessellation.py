@@ -73,6 +73,8 @@ def divide_tessellated(mesh: LabelledMesh, tolerances_m: Sequence[float]) -> Tes
     for tolerance_m in tolerances_m:
         tried.append(_Division(patches_of(mesh, tolerance_m)))
         tried[-1].grow(_TRIED)
+        if tried[0].explained <= 1 - limits.SCANNED:  # noise is explained by a loose precision, too
+            return None
         if tried[-1].failed <= limits.FREE_FORM or tried[0].failed >= limits.SCANNED:
             break
     most = max(limits.FREE_FORM, limits.HARDLY_MORE * min(division.failed for division in tried))

@@ -47,6 +47,21 @@ def test_a_hole_in_a_plane_is_closed_and_marked(box):
     assert "1 border on several surfaces" in box.told
 
 
+def soup(mesh):
+    """The mesh as an STL has it: no triangle shares a corner with another."""
+    points = mesh.vertices[mesh.faces].reshape(-1, 3)
+    return LabelledMesh(points, np.arange(len(points)).reshape(-1, 3), np.zeros(len(mesh.faces), np.int32))
+
+
+def test_triangles_that_share_no_corners_have_the_borders_of_their_mesh():
+    mesh = trimesh.creation.box((0.04, 0.03, 0.02)).subdivide_to_size(0.004)
+    assert close_holes(model_part(soup(mesh))) is None
+    top = (mesh.triangles_center[:, 2] > 0.0099) & (np.hypot(*mesh.triangles_center[:, :2].T) < 0.006)
+    closed = close_holes(model_part(soup(without(mesh, top))))
+    assert (closed.n_holes, closed.n_closed, closed.left) == (1, 1, {})
+    assert as_trimesh(closed).volume == pytest.approx(0.04 * 0.03 * 0.02)
+
+
 def tube(radius, height, n):
     """A tube about z without ends, seen from outside."""
     angle, level = np.arange(n) * 2 * np.pi / n, np.linspace(0, height, n // 2)
