@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Any, cast
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def profiles_of(part: RelatedPart, options: RelationOptions = DRAWN) -> tuple[Pr
         nothing is swept.
     """
     extent = float(np.ptp(part.points, axis=0).max())
-    part = replace(part, noise_m=max(part.noise_m, limits.EXACT * extent))
+    part = replace(cast("Any", part), noise_m=max(part.noise_m, limits.EXACT * extent))
     points, label = surface_points(part)
     sample = [points[label == number] for number in part.labels]
 
