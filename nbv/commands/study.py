@@ -105,6 +105,9 @@ def _run_scans(run: Run, spec: ScanStudySpec, asked: StudyOptions) -> None:
         sets = run_scan_study(
             spec, run.out, first_seed=run.shared.seed, workers=workers, progress=run.progress
         )
+    empty = [str(r["case"]) for one in sets for r in one.records if r.get("returns") == 0]
+    if empty:
+        run.warn([f"{count(len(empty), 'scan has', 'scans have')} no returns, the first of them {empty[0]}"])
     run.watch.enter("report")
     results = scan_results(spec, sets)
     cases = [case for one in sets for case in one.scans.scans]

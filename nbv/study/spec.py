@@ -196,7 +196,8 @@ class PosesEntry(Entry):
         """Its name, or that of the file, or what it is."""
         if self.name or self.file is not None:
             return self.name or Path(str(self.file)).stem
-        return f"{len(self.at)} places" if self.at else f"{self.farthest} farthest"
+        n = len(self.at)
+        return f"{n} place{'s' if n > 1 else ''}" if n else f"{self.farthest} farthest"
 
 
 class CommonSpec(Entry):
@@ -308,9 +309,11 @@ def read_study(path: str | Path) -> StudySpec | ScanStudySpec:
     """
     file = Path(path)
     table = read_toml(file)
-    if isinstance(study := table.pop("study", {}), dict):
-        table = {**table, **study}
-    is_of_scans = table.get("kind") == "scans"
+    if isinstance(study := table.get("study"), dict):
+        table = {**{name: value for name, value in table.items() if name != "study"}, **study}
+    if (kind := table.get("kind", "plans")) not in ("plans", "scans"):
+        raise InputError(f"{file}: kind: a study is of plans or of scans, not of {kind!r}")
+    is_of_scans = kind == "scans"
     try:
         spec = (ScanStudySpec if is_of_scans else StudySpec).model_validate(table)
     except ValidationError as error:

@@ -265,3 +265,26 @@ def test_a_study_of_scans_needs_poses(tmp_path):
     with pytest.raises(InputError, match="poses"):
         read_study(tmp_path / "study.toml")
     assert ScanStudySpec.model_fields["keep"].default == "none"
+
+
+@pytest.mark.parametrize(
+    ("head", "why"),
+    [
+        ('kind = "scan"', "a study is of plans or of scans, not of 'scan'"),
+        ("study = 3", "study: there is no such"),
+    ],
+)
+def test_what_is_no_kind_of_study_is_told(tmp_path, head, why):
+    text = f'{head}\n[[scenes]]\nscene = "builtin:office"\n[[planners]]\nmethod = "nbv"\n'
+    (tmp_path / "study.toml").write_text(text, "utf-8")
+    with pytest.raises(InputError, match=why):
+        read_study(tmp_path / "study.toml")
+
+
+def test_scans_without_returns_are_told(file, tmp_path):
+    text = STUDY.replace("complete = true", "").replace("[[0.7, 0.7, 1.5], [3.0, 2.5, 1.5]]", "[1e6, 1, 1]")
+    text = text.replace("[2.0, 2.0, 0.8]", "[1e6, 2, 1]").replace("[[poses]]\nfarthest = 2\n", "")
+    (file.parent / "far.toml").write_text(text, "utf-8")
+    told = CliRunner().invoke(app, ["study", str(file.parent / "far.toml"), "-o", str(tmp_path / "out")])
+    assert told.exit_code == 0, told.output
+    assert "1 scan has no returns" in told.output
