@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -94,7 +95,8 @@ def size_rows(
              if isinstance(surface, Cone) and len(faces.of(place))]  # fmt: skip
     for places in grouped(cones, lambda one, two: known.are_equal([one], [two], _whole_angle)):
         ends = np.repeat(faces.of(places[0]).mean(axis=0)[None], 2, axis=0)
-        yield known.dimension("cone angle", places[:1], _whole_angle, alike=places, ends=ends)
+        row = known.dimension("cone angle", places[:1], _whole_angle, alike=places, ends=ends)
+        yield _as_measured(row, places, known)
     mouths = [
         (cone, plane)
         for cone in cones
@@ -117,6 +119,23 @@ def size_rows(
 
 def _whole_angle(at: Sequence[Placement]) -> float:
     return 2 * at[0].half_angle
+
+
+def _as_measured(row: PartDimension, places: Sequence[int], known: JointSurfaces) -> PartDimension:
+    """An angle that a round value alone determines, as its cones measured it: such a value is a hypothesis.
+
+    One that was stated stays.
+    """
+    graph = known.part.relations
+    is_stated = graph is not None and any(
+        one.is_given and one.kind == "half_angle" for one in graph.relations
+    )
+    if is_stated or not row.is_determined:
+        return row
+    surfaces = [known.part.measured[place].surface for place in places]
+    angles = [2 * surface.half_angle for surface in surfaces if isinstance(surface, Cone)]
+    found = known.estimate(places, lambda at: 2 * np.mean([one.half_angle for one in at]))
+    return replace(row, value=float(np.mean(angles)), sd=float(np.sqrt(found.measured_covariance[0, 0])))
 
 
 def _is_mouth(cone: Placement, plane: Placement) -> bool:

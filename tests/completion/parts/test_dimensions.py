@@ -95,6 +95,27 @@ def test_a_countersunk_ring_has_its_diameters_in_the_frame_of_its_file():
     )
 
 
+def test_a_round_angle_that_nobody_stated_holds_no_interval_shut():
+    """Eight noisy cones of 89.6 degrees: relations find 90, and the interval is still that of the points."""
+    held = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        half, n = np.radians(44.8), 600
+        height, turn = rng.uniform(0, 0.006, n), rng.uniform(0, 2 * np.pi, n)
+        radius = 0.004 + height * np.tan(half)
+        cone = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
+        share, turn = np.sqrt(rng.uniform(0, 1, (2, n))), rng.uniform(0, 2 * np.pi, (2, n))
+        ends = [
+            np.stack([r * one * np.cos(way), r * one * np.sin(way), np.full(n, z)], axis=1)
+            for r, z, one, way in zip((0.004, radius.max()), (0.0, 0.006), share, turn, strict=True)
+        ]
+        points = np.concatenate([cone, *ends]) + rng.normal(0, 1e-4, (3 * n, 3))
+        row = only(dimensions_of(model_part(points, np.repeat([1, 2, 3], n))), "cone angle")
+        assert row.high - row.low > np.radians(0.1)
+        held.append(row.low <= 2 * half <= row.high)
+    assert sum(held) >= 6
+
+
 def cylinder_mesh(rng=None, noise=0.0):
     mesh = trimesh.creation.cylinder(0.02, 0.03, sections=48).subdivide_to_size(0.004)
     vertices, away = mesh.vertices.copy(), np.hypot(*mesh.vertices[:, :2].T)
