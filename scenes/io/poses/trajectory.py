@@ -161,6 +161,8 @@ def _json_matrices(text: str) -> list[FloatArray]:
 
 
 def _number_checked(matrices: Sequence[FloatArray]) -> list[Pose]:
+    if not matrices:
+        raise InputError(f"holds no poses; {_FORMS}")
     poses = []
     for number, matrix in enumerate(matrices, start=1):
         try:

@@ -142,3 +142,10 @@ def test_a_ring_of_equal_ranges_is_none_and_neither_is_a_strayed_one() -> None:
     assert saturation_start(np.append(ranges, [30.0] * 20)) == 30.0
     assert saturation_start(np.append(ranges, [30.0] * 20 + [27.0] * 2)) == np.inf
     assert saturation_start(np.zeros(0)) == np.inf
+
+
+@pytest.mark.parametrize(("name", "text"), [("poses.json", "[]"), ("poses.txt", "# none\n")])
+def test_a_file_without_poses_is_refused_by_name(tmp_path, name, text):
+    (tmp_path / name).write_text(text, "utf-8")
+    with pytest.raises(InputError, match=rf"{name}: holds no poses"):
+        read_poses(tmp_path / name)
