@@ -14,6 +14,7 @@ from .online.planner import explore as explore
 from .plan.plan import Plan as Plan
 from .plan.plan import read_plan as read_plan
 from .plan.planning import plan_views as plan_views
+from .plan.site_time import SitePace as SitePace
 from .report.display import show as show
 from .scanning.beam import Dropout as Dropout
 from .scanning.beam import Footprint as Footprint

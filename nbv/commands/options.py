@@ -17,7 +17,7 @@ import typer
 
 from completion.fitting.shape import Metric, Shape
 from completion.observe.user_options import Mode, UserOptions
-from nbv.run.plan_options import RequirementOptions, SearchOptions
+from nbv.run.plan_options import PaceOptions, RequirementOptions, SearchOptions
 from nbv.visibility.site_options import SiteOptions
 from scenes.run.option import NOT_NEGATIVE, NumberRange, argument, choices, each, group, numbers, option
 
@@ -318,6 +318,7 @@ class PlanOptions:
 
     scene: str | None = _scene_or_scans()
     search: SearchOptions = group(SearchOptions)
+    pace: PaceOptions = group(PaceOptions)
     sensor: str = _sensor()
     requirement: RequirementOptions = group(RequirementOptions)
     mode: Literal["room", "object"] | None = _scene_mode()
@@ -362,6 +363,10 @@ class PlanOptions:
         if method != "cover" and (search.overlap is not None or search.time_budget_s is not None):
             flag = "--time-budget" if search.overlap is None else "--overlap"
             raise typer.BadParameter(f"{flag} is for plans of a known scene: add --method cover")
+        if self.pace.budget_min is not None and (method != "cover" or search.infer or search.overlap):
+            raise typer.BadParameter(
+                "--budget is for plans of a known scene, without --infer and --overlap: add --method cover"
+            )
 
     def request(self) -> ScanRequest:
         """Return the scans that were taken before; beside a scene `units` and `up` are the scene's."""

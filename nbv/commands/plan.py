@@ -21,10 +21,11 @@ from nbv.coverage.unreachable import coverage_record
 from nbv.online.limits import MOST_SCAN_PIXELS
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline, compare_with_baselines
-from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, Plan, write_plan_files
+from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, Plan, cost_sentences, write_plan_files
 from nbv.plan.planning import plan_views
 from nbv.plan.problem import remote_visibility
 from nbv.plan.rules import compare_with_rules
+from nbv.plan.site_time import SitePace, knees
 from nbv.report.blocks.room_tables import rule_sentences, write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.report.scans_report import next_stations_page
@@ -115,6 +116,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
                 budgets=CoverOptions(polish_steps=search.polish_steps, time_budget_s=search.time_budget_s),
                 overlap=None if search.overlap is None else OverlapOptions(min_overlap=search.overlap),
                 infer=search.infer,
+                pace=SitePace.of(request.pace),
                 scans=scans,
                 zones=zones,
                 remote=remote,
@@ -187,6 +189,10 @@ def summary_of(plan: Plan) -> dict[str, Any]:
         "stopped_because": plan.stopped_because,
         "tour_m": plan.stations.tour.length_m if plan.stations else None,
         "legs_without_way": plan.stations.tour.n_without_way if plan.stations else None,
+        "time": plan.time.to_json() if plan.time else None,
+        "knees": [{"views": at, "met": plan.met_curve[at]} for at in knees(plan.met_curve)],
+        "lost_if_blocked": list(plan.lost_if_blocked),
+        "most_in_time": plan.most_in_time,
         "rooms": list(plan.rooms),
     }
 
@@ -210,6 +216,7 @@ def lines_of(plan: Plan) -> list[str]:
         tour = plan.stations.tour
         which = "the way from scan to scan" if tour.is_given else "a tour of all stations"
         lines.append(f"{which} takes {tour.describe()}")
+    lines += cost_sentences(plan)
     if plan.lower_bound:
         lines.append(plan.lower_bound.describe())
     return lines

@@ -10,6 +10,7 @@ import numpy as np
 from nbv.cover.dual import find_certificate, reduce_instance, solve_exactly
 from nbv.cover.instance import Cover, CoverInstance, LowerBound
 from nbv.cover.swap_search import Progress, by_gain, choose_greedily, drop_redundant, polish
+from nbv.cover.within import most_covered
 from scenes.checks import InputError
 
 _DUAL, _EXACT = "dual of the linear relaxation, checked exactly", "branch and bound (HiGHS)"
@@ -68,7 +69,7 @@ def find_cover(
     options : CoverOptions, optional
         Budgets.
     n_most : int, optional
-        Choose no more than so many; what they cover is then as much as greedy choice finds.
+        Choose no more than so many: those that cover most, by `nbv.cover.within`.
     relaxed : Cover, optional
         Of an instance with the same and more candidates: its bound holds here, and none is sought anew.
     rng : Generator, int or None
@@ -119,9 +120,10 @@ def find_cover(
             smallest, bound = min(smallest, exact, key=len), LowerBound(len(exact), _EXACT)
     complete = [int(reduction.candidates[c]) for c in smallest]
     if n_most is not None and len(complete) > n_most:
-        fewer = _most_covered(instance, complete, n_most)
+        greedy = by_gain(instance, complete)[:n_most]
+        fewer = max(greedy, most_covered(instance, n_most, rng), key=instance.covered_weight)
         return Cover(
-            chosen=tuple(fewer),
+            chosen=tuple(by_gain(instance, fewer)),
             is_complete=False,
             bound=bound,
             certificate=certificate,
@@ -136,13 +138,4 @@ def find_cover(
         certificate=certificate,
         steps=polished.steps,
         was_cut_short=polished.was_cut_short,
-    )
-
-
-def _most_covered(instance: CoverInstance, complete: list[int], n_most: int) -> list[int]:
-    """Return the better of two choices of `n_most`: greedy among all, or among those of a complete cover."""
-    return max(
-        choose_greedily(instance, n_most=n_most),
-        by_gain(instance, complete)[:n_most],
-        key=instance.covered_weight,
     )

@@ -55,6 +55,7 @@ class CoverageTally:
     first_met: NDArray[np.int64]
     _seen: list[tuple[int, NDArray[np.int64], FloatArray]] = field(default_factory=list)
     _shares: list[float] = field(default_factory=lambda: [0.0])
+    _held: list[tuple[int, NDArray[np.int64]]] = field(default_factory=list)
 
     @classmethod
     def start(cls, caster: RayCaster, samples: SurfaceSamples, requirement: Requirement) -> CoverageTally:
@@ -101,9 +102,11 @@ class CoverageTally:
         self.best_cosine[index] = np.maximum(self.best_cosine[index], cosine)
         self.n_views[index] += 1
         distance = np.linalg.norm(self.samples.points[index] - origin, axis=1)
-        self.n_met[index[limits.hold(distance, cosine)]] += 1
+        held = index[limits.hold(distance, cosine)]
+        self.n_met[held] += 1
         number, met = len(self._shares) - 1, self.met
         self._seen.append((number, index, cosine))
+        self._held.append((number, held))
         self.first_met[met & (self.first_met == NEVER)] = number
         self._shares[number] = self.met_m2() / self.samples.total_m2
 
@@ -115,6 +118,11 @@ class CoverageTally:
     def met_m2(self) -> float:
         """Area in square metres that meets the requirement."""
         return float(self.samples.areas[self.met].sum())
+
+    def lost_without(self) -> tuple[float, ...]:
+        """Share of the area that would not meet the requirement without each view, the others as they are."""
+        just = np.where(self.n_met == self.requirement.k, self.samples.areas, 0.0) / self.samples.total_m2
+        return tuple(float(just[held].sum()) for number, held in self._held if number)
 
     def history(self) -> VisibilityHistory:
         """Return what each view saw, by sample."""

@@ -25,11 +25,12 @@ from nbv.cover.swap_search import by_gain, choose_greedily
 from nbv.online.limits import MOST_TRIES, REGISTRATION_COSINE
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import farthest_poses
+from nbv.plan.budget_plan import choose_in_time, steps_of
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem, PlanningRun
 from nbv.plan.rules import RULES, rule_poses
 from nbv.plan.tour import Overlap, Stations
-from nbv.run.wording import count
+from nbv.run.wording import count, duration
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.checks import BoolArray, InputError
@@ -63,6 +64,8 @@ def plan_offline(
     run = PlanningRun.begin(problem)
     begun = _begin(problem, run, first)
     instance = cover_instance(problem, run.tally.met)
+    if problem.pace.budget_min is not None:
+        return _plan_in_time(problem, run, instance, begun, rng)
     if problem.overlap is None:
         n_most = None if views is None else max(views - len(begun), 1)
         find = partial(find_cover, options=options, n_most=n_most, rng=rng, progress=problem.progress)
@@ -82,8 +85,7 @@ def plan_offline(
         cover, n_added = _connected_cover(
             problem, instance, graph=graph, views=views, options=options, rng=rng
         )
-    for number in cover.chosen:
-        run.add(problem.candidates.pose(number))
+    _add_all(problem, run, cover.chosen)
     stations = plan_stations(problem, graph, [*begun, *cover.chosen], begins_at_first=len(begun) > 0)
     reason = run.why_finished() or _why_not(problem, views, cover)
     if problem.overlap is not None:
@@ -99,6 +101,39 @@ def plan_offline(
     if begun:
         bound = LowerBound(bound.views + len(begun), f"{bound.kind}, with the first view as it is")
     return run.plan("cover", reason, bound, stations)
+
+
+def _add_all(problem: PlanningProblem, run: PlanningRun, chosen: Iterable[int]) -> None:
+    """Add the views of candidates, each with the angular steps that it needs."""
+    poses = [problem.candidates.pose(number) for number in chosen]
+    for pose, sensor in zip(poses, steps_of(problem, poses), strict=True):
+        run.add(pose, sensor)
+
+
+def _plan_in_time(
+    problem: PlanningProblem,
+    run: PlanningRun,
+    instance: CoverInstance,
+    begun: list[int],
+    rng: np.random.Generator | int | None,
+) -> Plan:
+    """Return the plan that measures most within the time on site, and how much any could."""
+    rng = np.random.default_rng(rng)
+    found, n_tries = choose_in_time(problem, instance, begun, rng.spawn(1)[0]), 0
+    most = found.most
+    while (left := _at_one_height(problem, instance, list(found.chosen), n_tries)) is not None:
+        n_tries += 1
+        instance = left
+        found = choose_in_time(problem, instance, begun, rng.spawn(1)[0])
+    chosen = [*begun, *by_gain(instance, [c for c in found.chosen if c not in begun])]
+    _add_all(problem, run, chosen[len(begun) :])
+    stations = plan_stations(
+        problem, overlap_graph(problem, OverlapOptions()), chosen, begins_at_first=len(begun) > 0
+    )
+    before = float(problem.samples.areas[run.tally.met].sum()) - found.weight
+    share = min(max(before, 0.0) + most, problem.samples.total_m2) / problem.samples.total_m2
+    reason = run.why_finished() or f"the budget of {duration(60 * (problem.pace.budget_min or 0))} is spent"
+    return run.plan("cover", reason, None, stations, most_in_time=share)
 
 
 def _begin(problem: PlanningProblem, run: PlanningRun, first: NDArray[np.int64]) -> list[int]:

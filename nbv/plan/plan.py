@@ -18,6 +18,7 @@ from nbv.cover.instance import LowerBound
 from nbv.coverage.coverage import Coverage, CoverageSummary
 from nbv.coverage.surface_classes import ClassShares
 from nbv.coverage.unreachable import coverage_record
+from nbv.plan.site_time import SiteTime, curve_in_words, site_time_from
 from nbv.plan.tour import Stations
 from nbv.run.showing import show_report
 from nbv.run.wording import count, percent
@@ -188,6 +189,12 @@ class Plan:
         from 1, and what of its surface was met.
     platforms : tuple of dict
         The entries of `plan.json`: large level surface that is no place to stand.
+    time : SiteTime or None
+        What it takes on site; None without a tour.
+    lost_if_blocked : tuple of float
+        For each view the share of the area that would not be met without it, the others as they are.
+    most_in_time : float or None
+        Of a plan within a budget: the share of the area that no plan from these candidates within it exceeds.
     """
 
     method: str
@@ -208,6 +215,9 @@ class Plan:
     site: Site | None = None
     rooms: tuple[dict[str, Any], ...] = ()
     platforms: tuple[dict[str, Any], ...] = ()
+    time: SiteTime | None = None
+    lost_if_blocked: tuple[float, ...] = ()
+    most_in_time: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""
@@ -218,7 +228,7 @@ class Plan:
             "requirement": {**self.requirement.to_json(), "target": self.target},
             "seed": self.seed,
             "n_candidates": self.n_candidates,
-            "views": [view.to_json() for view in self.views],
+            "views": [self._entry(view) for view in self.views],
             "coverage": coverage.to_json() if coverage else None,
             "lower_bound": self.lower_bound.to_json() if self.lower_bound else None,
             "stopped_because": self.stopped_because,
@@ -227,7 +237,20 @@ class Plan:
             **self.zones.to_json(),
             "rooms": list(self.rooms),
             "platforms": list(self.platforms),
+            "time": None if self.time is None else self.time.to_json(),
+            "lost_if_blocked": list(self.lost_if_blocked),
+            "most_in_time": self.most_in_time,
         }
+
+    def _entry(self, view: View) -> dict[str, Any]:
+        """The entry of a view, with its sensor where that has other angular steps than the plan's."""
+        return {**view.to_json(), **({} if view.sensor == self.sensor else {"sensor": view.sensor.to_json()})}
+
+    @property
+    def met_curve(self) -> tuple[float, ...]:
+        """Share of the area that is met before the first view, and after each."""
+        before = self.resumed_from.met_fraction if self.resumed_from else None
+        return (before or 0.0, *(view.met_fraction or 0.0 for view in self.views))
 
     @property
     def visiting_order(self) -> tuple[int, ...] | None:
@@ -286,15 +309,34 @@ class Plan:
             bar = area_bar(
                 met=summary.met, inferred=summary.modelled + summary.inferred, reachable=summary.reachable
             )
-            before = self.resumed_from.met_fraction if self.resumed_from else None
-            met = [before or 0.0, *(view.met_fraction or 0.0 for view in self.views)]
-            pictures = [coverage_curve(met, summary.reachable)]
+            pictures = [coverage_curve(self.met_curve, summary.reachable)]
         if self.lower_bound is not None:
             figures += [("lower bound", count(self.lower_bound.views, "view"))]
         if self.stations is not None:
             figures += [("tour", self.stations.tour.describe())]
+        if self.time is not None:
+            figures += [("time", self.time.describe())]
         title, note = f"method {self.method}", f"stopped because: {self.stopped_because}"
         return Card("View plan", title, figures, bar=bar, pictures=pictures, note=note).to_html()
+
+
+def cost_sentences(plan: Plan) -> list[str]:
+    """What a plan takes on site, where more stations pay little, and which is missed most if it is blocked."""
+    said = [] if plan.time is None else [plan.time.describe()]
+    if bends := curve_in_words(plan.met_curve):
+        said.append(bends)
+    if len(plan.lost_if_blocked) > 1:
+        worst = int(np.argmax(plan.lost_if_blocked))
+        lost = percent(plan.lost_if_blocked[worst])
+        said.append(
+            f"of all stations, view {worst + 1} is missed most if it is blocked: {lost} % of the area"
+        )
+    if plan.most_in_time is not None:
+        most = percent(plan.most_in_time)
+        said.append(
+            f"no plan from these candidates within the budget measures more than {most} % of the area"
+        )
+    return said
 
 
 def read_plan(path: str | Path) -> Plan:
@@ -334,7 +376,7 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         views=tuple(
             View(
                 Pose(view["world_from_sensor"]),
-                sensor,
+                sensor_from_profile(view["sensor"]) if "sensor" in view else sensor,
                 _number(view["gain_m2"], "gain_m2"),
                 _number(view["met_fraction"], "met_fraction"),
                 _number(view.get("predicted_gain_m2"), "predicted_gain_m2"),
@@ -349,6 +391,9 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         zones=zones_from_json(content.get("region"), content.get("keep_out") or ()),
         rooms=tuple(dict(room) for room in content.get("rooms") or ()),
         platforms=tuple(dict(platform) for platform in content.get("platforms") or ()),
+        time=site_time_from(content["time"]) if content.get("time") else None,
+        lost_if_blocked=tuple(float(share) for share in content.get("lost_if_blocked") or ()),
+        most_in_time=_number(content.get("most_in_time"), "most_in_time"),
     )
 
 

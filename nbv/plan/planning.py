@@ -30,6 +30,7 @@ from nbv.plan.offline_plan import (
 )
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem, PlanningRun, RemoteVisibility
+from nbv.plan.site_time import USUAL_PACE, SitePace
 from nbv.scanning.sensor import Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.candidates import (
@@ -209,6 +210,7 @@ def plan_views(
     budgets: CoverOptions | None = None,
     overlap: OverlapOptions | None = None,
     infer: bool = False,
+    pace: SitePace = USUAL_PACE,
     scans: Sequence[RangeImage] = (),
     zones: Zones = EVERYWHERE,
     remote: RemoteVisibility | None = None,
@@ -267,6 +269,9 @@ def plan_views(
     infer : bool
         Whether surface that completion models or infers from the scans so far counts towards the target
         (`nbv.coverage.surface_classes`), outranked by unknown surface. Such a plan has no lower bound.
+    pace : SitePace
+        How long stations and ways take; with a budget in it, "cover" finds the plan that measures most within
+        it, in place of the smallest that meets the target.
     scans : sequence of RangeImage
         Scans that were taken before, in the scene's coordinates: what they have measured as required counts,
         and "nbv" knows what they saw. They are not views of the plan.
@@ -293,6 +298,8 @@ def plan_views(
     """
     # Check the arguments
     _check_request(method, target, views, mode=mode, infer=infer, overlap=overlap, remote=remote)
+    if pace.budget_min is not None and (method != "cover" or infer or overlap is not None):
+        raise InputError("a budget is for plans of a known scene, without infer and overlap: method cover")
     check_rng(rng)
     scene = _as_scene(scene, mode)
     mode = mode or scene.mode
@@ -334,6 +341,7 @@ def plan_views(
         zones=zones,
         remote=remote,
         journal=journal,
+        pace=pace,
     )
     if method == "cover" and infer:
         return plan_with_completion(problem, views, noise, rng)

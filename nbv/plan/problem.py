@@ -29,6 +29,7 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import UNKNOWN, ClassShares, KnownSurfaces, classify, shares_of
 from nbv.coverage.unreachable import room_shares
 from nbv.plan.plan import Plan, Resumption
+from nbv.plan.site_time import USUAL_PACE, SitePace, site_time
 from nbv.plan.tour import Stations, Tour, plan_tour
 from nbv.run.workers import Workers, workers_of
 from nbv.scanning.scanner import scan_scene
@@ -211,7 +212,7 @@ class PlanningProblem:
     "reachable" refers to, in the rooms of the `site`; the online planner gets `proposals`, all of the
     lattice, and finds out. `scans` were taken before: what they have measured is measured. `remote` workers
     cast for the offline planner.
-    The `journal` remembers the results of the steps of this very problem.
+    The `journal` remembers the results of the steps of this very problem, `pace` says what time there is.
     """
 
     scene: Scene
@@ -234,6 +235,7 @@ class PlanningProblem:
     zones: Zones = EVERYWHERE
     remote: RemoteVisibility | None = None
     journal: Journal = NO_JOURNAL
+    pace: SitePace = USUAL_PACE
 
     def start_poses(self) -> NDArray[np.int64]:
         """Return the numbers (s,) of the poses at the start; none where no start is asked for.
@@ -321,11 +323,12 @@ class PlanningRun:
         reachability = problem.journal.step("reachable", find)
         return cls(problem, tally, reachability, [], resumed)
 
-    def add(self, pose: Pose) -> None:
-        """Add the view from `pose`."""
-        gain = self.tally.add(View(pose, self.problem.sensor))
+    def add(self, pose: Pose, sensor: Sensor | None = None) -> None:
+        """Add the view from `pose`, of the problem's sensor or one like it."""
+        view = View(pose, sensor or self.problem.sensor)
+        gain = self.tally.add(view)
         met = self.tally.met_m2() / self.problem.samples.total_m2
-        self.views.append(View(pose, self.problem.sensor, gain, met))
+        self.views.append(replace(view, gain_m2=gain, met_fraction=met))
 
     def scan(self, pose: Pose, noise: str, rng: np.random.Generator) -> RangeImage:
         """Add the view from `pose` and return its simulated scan."""
@@ -374,7 +377,13 @@ class PlanningRun:
         return tuple({**entry, **shares.get(entry["room"], {})} for entry in site.entries(self.views))
 
     def plan(
-        self, method: str, reason: str, bound: LowerBound | None = None, stations: Stations | None = None
+        self,
+        method: str,
+        reason: str,
+        bound: LowerBound | None = None,
+        stations: Stations | None = None,
+        *,
+        most_in_time: float | None = None,
     ) -> Plan:
         """Return the plan."""
         problem = self.problem
@@ -402,4 +411,7 @@ class PlanningRun:
             site=problem.site,
             rooms=() if problem.site is None else self._rooms(problem.site, coverage),
             platforms=() if problem.site is None else problem.site.platform_entries(),
+            time=site_time(self.views, stations.tour, problem.sensor, problem.pace) if stations else None,
+            lost_if_blocked=self.tally.lost_without(),
+            most_in_time=most_in_time,
         )

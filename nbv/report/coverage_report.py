@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage, VisibilityHistory, share_error
 from nbv.coverage.measurement import visibility_history
 from nbv.plan.baselines import Baseline
-from nbv.plan.plan import Plan
+from nbv.plan.plan import Plan, cost_sentences
 from nbv.plan.rules import RuleOutcome
 from nbv.report.blocks.coverage_tables import (
     curve,
@@ -68,6 +68,7 @@ def plan_page(
     ended = f"The plan ends because: {plan.stopped_because}."
     if plan.lower_bound:
         ended += f" {plan.lower_bound.describe().capitalize()}."
+    ended += "".join(f" {sentence[0].upper()}{sentence[1:]}." for sentence in cost_sentences(plan))
     before = plan.resumed_from.poses if plan.resumed_from else ()
     tour = plan.stations.tour if plan.stations else None
     poses = [view.world_from_sensor for view in plan.views]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from scenes.run.option import NOT_NEGATIVE, POSITIVE, NumberRange, option
+from scenes.run.option import NOT_NEGATIVE, POSITIVE, NumberRange, minutes, option
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +66,10 @@ class SearchOptions:
     target: float = option(
         "--target", "Fraction of the reachable area to measure.", 0.99, limits=NumberRange(above=0, most=1)
     )
-    views: int | None = option("--views", "Largest number of views.", None, limits=NumberRange(least=1))
+    views: int | None = option(
+        "--views --stations", "Largest number of views; cover finds those that see most.", None,
+        limits=NumberRange(least=1),
+    )  # fmt: skip
     infer: bool = option("--infer", "Count surface that completion infers towards the target.", False)
     overlap: float | None = option(
         "--overlap",
@@ -90,4 +93,24 @@ class SearchOptions:
         metavar="S",
         shown="none",
         limits=NOT_NEGATIVE,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaceOptions:
+    """The numbers of time on site; `nbv.plan.site_time.SitePace` explains them."""
+
+    budget_min: float | None = option(
+        "--budget", "cover: time on site, like 2h; the plan within it that measures most.", None,
+        metavar="TIME", shown="none", limits=POSITIVE, parse=minutes,
+    )  # fmt: skip
+    set_up_min: float = option(
+        "--set-up", "Minutes to set the instrument up at a place.", 3.0, metavar="MIN", limits=NOT_NEGATIVE
+    )
+    scan_min: float | None = option(
+        "--scan-time", "Minutes of a scan.", None, metavar="MIN", shown="by the sensor's speed",
+        limits=POSITIVE,
+    )  # fmt: skip
+    walk_m_s: float = option(
+        "--walking-speed", "Speed between places, metres a second.", 1.0, metavar="M/S", limits=POSITIVE
     )

@@ -77,3 +77,17 @@ def letters(number: int) -> str:
     ('A', 'Z', 'AA')
     """
     return (letters(number // 26 - 1) if number >= 26 else "") + chr(ord("A") + number % 26)
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words: seconds, minutes, or hours and minutes.
+
+    Examples
+    --------
+    >>> duration(20), duration(600), duration(7500)
+    ('20 s', '10 min', '2 h 05 min')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"

@@ -336,6 +336,7 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool
     chosen, warnings = _choose_rooms(scene, rooms, options)
     warnings += platforms_in_words(rooms.floors.platforms)
     asked = [rooms.rooms[number - 1] for number in chosen]
+    warnings += storeys_in_words(rooms.rooms, asked)
     check_fits(scene.name, asked, options)
     spacing, widened = lattice_spacing(asked, options, turns=turns)
     clear = Clearance.of(scene.mesh, options.clearance_m)
@@ -379,6 +380,25 @@ def platforms_in_words(platforms: Sequence[Platform]) -> list[str]:
         f"{count(len(platforms), 'platform')} left out as places to stand, {more}: no steps lead up, and "
         "more than a third of the edge drops; --candidates takes positions there"
     ]
+
+
+def storeys_in_words(rooms: Sequence[SiteRoom], asked: Sequence[SiteRoom]) -> list[str]:
+    """Return a sentence on each storey with rooms that are asked for, to none of which stairs lead."""
+    storeys = sorted({room.storey for room in rooms if not room.is_outside})
+    said = []
+    for storey in storeys if len(storeys) > 1 else []:
+        there = [room for room in rooms if room.storey == storey]
+        own = [room for room in asked if room.storey == storey]
+        if any(room.stairs for room in there) or not own:
+            continue
+        area, level = sum(room.floor_m2 for room in own), own[0].level_m
+        names = ", ".join(room.name for room in own[:4]) + (", ..." if len(own) > 4 else "")
+        top = ", the top one," if storey == storeys[-1] else ""
+        said.append(
+            f"no stairs lead to storey {storey}{top} {area:.1f} m2 at {level:.2f} m height ({names}): its "
+            "stations need a ladder, or another way that the file does not show; --rooms leaves them out"
+        )
+    return said
 
 
 def _choose_rooms(scene: Scene, rooms: Rooms, options: SiteOptions) -> tuple[tuple[int, ...], list[str]]:

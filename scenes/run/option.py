@@ -9,6 +9,7 @@ show their help before they import their work.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
@@ -134,6 +135,27 @@ def numbers(n: int, *, above: float | None = None) -> Parse:
         return values
 
     return parse
+
+
+def minutes(text: str) -> float:
+    """Return the minutes of a text; plain numbers are minutes.
+
+    Examples
+    --------
+    >>> [minutes(text) for text in ("2h", "90 min", "1h30", "1:30", "45")]
+    [120.0, 90.0, 90.0, 90.0, 45.0]
+    """
+    plain = text.replace(" ", "").lower()
+    clock = re.fullmatch(r"(\d+)(?::|h)([0-5]?\d)(?:min|m)?", plain)
+    single = re.fullmatch(r"(\d+(?:\.\d+)?)(h|min|m|s)?", plain)
+    value = 0.0
+    if clock is not None:
+        value = 60.0 * int(clock[1]) + int(clock[2])
+    elif single is not None:
+        value = float(single[1]) * {"h": 60.0, "s": 1 / 60}.get(single[2] or "min", 1.0)
+    if not value > 0:
+        raise ValueError(f"{text!r} is no time; write 2h, 90min, 1h30 or 1:30")
+    return value
 
 
 def each(parse: Parse) -> Parse:

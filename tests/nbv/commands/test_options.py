@@ -27,7 +27,8 @@ DOCUMENTED = {
     "registration-sd=0.0 averaging-radius=0.0 k=1 target=0.99 views mode rooms=all without "
     "outdoors all-round heights spacing clearance=0.3 start several-heights candidates scans "
     "intrinsics depth-scale poses origin plan region keep-out noise=none polish-steps=100000 "
-    "time-budget overlap infer scheduler trajectory up units=m",
+    "time-budget overlap infer scheduler trajectory up units=m stations budget set-up=3.0 scan-time "
+    "walking-speed=1.0",
     "coverage": "plan scans register intrinsics depth-scale poses origin sensor=generic60 "
     "max-incidence=60.0 max-range mode rooms=all without outdoors all-round heights spacing "
     "clearance=0.3 inference=standard trajectory up units=m",

@@ -57,8 +57,8 @@ def test_knowing_more_reaches_more(baselines):
     assert greedy > random + 0.2
 
 
-def test_the_greedy_one_is_as_good_as_the_cover_planner(plan, baselines):
-    assert baselines[-1].met[0, -1] == pytest.approx(plan.coverage.met, abs=0.02)
+def test_greedy_choice_is_close_to_the_cover_planner_but_no_better(plan, baselines):
+    assert 0.9 * plan.coverage.met <= baselines[-1].met[0, -1] <= plan.coverage.met
 
 
 def test_results_depend_on_the_seed_alone(plan, baselines):

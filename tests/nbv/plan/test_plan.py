@@ -150,6 +150,7 @@ def test_plan_json_has_the_documented_form_and_is_read_back(room_plan, tmp_path)
         *("method", "sensor", "requirement", "seed", "n_candidates"),
         *("views", "coverage", "lower_bound", "stopped_because"),
         *("inference", "resumed_from", "region", "keep_out", "rooms", "platforms"),
+        *("time", "lost_if_blocked", "most_in_time"),
     ]
     assert list(content["views"][0]) == ["world_from_sensor", "gain_m2", "met_fraction"]
     assert list(content["coverage"]) == [
