@@ -321,16 +321,14 @@ class Plan:
 
 
 def cost_sentences(plan: Plan) -> list[str]:
-    """What a plan takes on site, where more stations pay little, and which is missed most if it is blocked."""
+    """What a plan takes on site, where more stations pay little, and which is missed most if blocked."""
     said = [] if plan.time is None else [plan.time.describe()]
     if bends := curve_in_words(plan.met_curve):
         said.append(bends)
     if len(plan.lost_if_blocked) > 1:
         worst = int(np.argmax(plan.lost_if_blocked))
         lost = percent(plan.lost_if_blocked[worst])
-        said.append(
-            f"of all stations, view {worst + 1} is missed most if it is blocked: {lost} % of the area"
-        )
+        said.append(f"of all stations, view {worst + 1} is missed most if blocked: {lost} % of the area")
     if plan.most_in_time is not None:
         most = percent(plan.most_in_time)
         said.append(
