@@ -119,7 +119,7 @@ class _Choice:
 
     def added_s(self) -> FloatArray:
         """What each candidate (m,) would cost more."""
-        more = np.full(len(self.costs.travel_s), self.costs.set_up_s)
+        more = np.full(len(self.costs.travel_s), self.costs.set_up_s, np.float64)
         if self.tour:
             there = self.costs.travel_s[self.tour]
             more += np.minimum(self._between(there), there[-1])

@@ -62,7 +62,7 @@ def test_a_budget_is_kept_and_the_bound_holds(whole) -> None:
     assert 0 < within.coverage.met < whole.coverage.met
     assert within.coverage.met <= within.most_in_time <= 1.1 * within.coverage.met
     with pytest.raises(InputError, match="less than one station takes"):
-        planned(pace=SitePace(budget_min=1.0))
+        planned(pace=SitePace(budget_min=1, set_up_min=3))
     with pytest.raises(InputError, match="points_per_s: give --scan-time"):
         planned(sensor=replace(SENSOR, points_per_s=None), pace=SitePace(budget_min=30.0))
 
