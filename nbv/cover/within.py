@@ -67,9 +67,22 @@ class SiteCosts:
     @property
     def least_s(self) -> float:
         """What the cheapest station takes."""
-        one_each = len(np.unique(self.place)) == len(self.place)
         scan_s = self.scan_s.min(initial=np.inf) if self.least_scan_s is None else self.least_scan_s
-        return float(scan_s) + (self.set_up_s if one_each else 0.0)
+        return float(scan_s) + (self.set_up_s if self._has_one_each else 0.0)
+
+    @property
+    def _has_one_each(self) -> bool:
+        """Whether no two candidates share a place."""
+        return len(np.unique(self.place)) == len(self.place)
+
+    def most_stations(self, budget_s: float) -> int:
+        """How many stations a budget can hold at most: the cheapest, and the shortest way between each two."""
+        leg_s = 0.0
+        if self._has_one_each and len(self.place) > 1:
+            apart = ~np.eye(len(self.travel_s), dtype=np.bool_)
+            leg_s = float(self.travel_s[apart].min(initial=np.inf))
+            leg_s = leg_s if np.isfinite(leg_s) else budget_s
+        return int((budget_s + leg_s) / max(self.least_s + leg_s, 1e-9) + 1e-9)
 
 
 @dataclass(slots=True, eq=False)
@@ -224,8 +237,7 @@ def choose_within(
             ways[-1].add(seed)
     ways = [filled for way in ways for filled in way.filled(budget_s)]
     best = _improved(max(ways, key=lambda way: way.weight), budget_s, rng)
-    n_most = int(budget_s / max(costs.least_s, 1e-9) + 1e-9)
-    most = most_of(instance, n_most, max(len(best.chosen), 1), best.weight)
+    most = most_of(instance, costs.most_stations(budget_s), max(len(best.chosen), 1), best.weight)
     return Within(tuple(best.chosen), best.weight, max(most, best.weight), best.spent_s)
 
 
