@@ -76,7 +76,7 @@ class SiteCosts:
         return len(np.unique(self.place)) == len(self.place)
 
     def most_stations(self, budget_s: float) -> int:
-        """How many stations a budget can hold at most: the cheapest, and the shortest way between each two."""
+        """How many stations a budget can hold at most, all the cheapest, by the shortest ways there are."""
         leg_s = 0.0
         if self._has_one_each and len(self.place) > 1:
             apart = ~np.eye(len(self.travel_s), dtype=np.bool_)

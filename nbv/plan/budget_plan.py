@@ -55,7 +55,7 @@ def choose_in_time(
     place = places_of(positions)
     at = np.unique(place, return_index=True)[1]
     straight = np.linalg.norm(positions[at][:, None] - positions[at], axis=2) / pace.walk_m_s
-    finest, best, bend = scan_s, None, 1.0
+    finest, best, bend, most = scan_s, None, 1.0, None
     may = [coarser(sensor, factor) for factor in (COARSER if _steps_matter(problem) else ())]
     least_s = min(pace.scan_s(one, sensor) or finest for one in (sensor, *may) if one is not None)
     for stream in rng.spawn(_TRIES):
@@ -64,6 +64,7 @@ def choose_in_time(
         found = choose_within(fewer, costs, budget_s, first=given, rng=stream)
         if not found.chosen:
             break
+        most = found.most if most is None else most  # with straight ways, which no real ones are shorter than
         poses = [problem.candidates.pose(int(useful[k])) for k in found.chosen]
         views = [View(pose, own) for pose, own in zip(poses, steps_of(problem, poses), strict=True)]
         tour = problem.tour(poses, first=0 if first else None)
@@ -71,7 +72,9 @@ def choose_in_time(
         if time is None or time.scans_s is None:
             break
         if time.total_s <= budget_s and (best is None or found.weight > best.weight):
-            best = replace(found, chosen=tuple(useful[list(found.chosen)].tolist()), spent_s=time.total_s)
+            best = replace(
+                found, most=most, chosen=tuple(useful[list(found.chosen)].tolist()), spent_s=time.total_s
+            )
         line = sum(
             float(np.linalg.norm(poses[a].translation - poses[b].translation))
             for a, b in pairwise(tour.order)
