@@ -188,7 +188,7 @@ def curve_in_words(met: Sequence[float]) -> str:
     Examples
     --------
     >>> curve_in_words([0, 0.5, 0.6, 0.62, 0.64, 0.66])
-    '1 view reaches 50 %, 2 reach 60 %, all 5 reach 66 % of the area: after 2 each adds 2.0 % on average'
+    '1 view reaches 50 %, 2 reach 60 %, all 5 reach 66 % of the area: after 2 each adds 2 % on average'
     """
     bends = knees(met)
     if not bends:
@@ -201,7 +201,7 @@ def curve_in_words(met: Sequence[float]) -> str:
     each = 100 * (met[-1] - met[last]) / (whole - last)
     return (
         f"{steps}, all {whole} reach {100 * met[-1]:.0f} % of the area: after {last} each adds "
-        f"{each:.1f} % on average"
+        f"{each:.2g} % on average"
     )
 
 

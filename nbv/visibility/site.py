@@ -383,22 +383,22 @@ def platforms_in_words(platforms: Sequence[Platform]) -> list[str]:
 
 
 def storeys_in_words(rooms: Sequence[SiteRoom], asked: Sequence[SiteRoom]) -> list[str]:
-    """Return a sentence on each storey with rooms that are asked for, to none of which stairs lead."""
+    """Return a sentence on storeys above the lowest, with rooms that are asked for, without stairs."""
     storeys = sorted({room.storey for room in rooms if not room.is_outside})
-    said = []
-    for storey in storeys if len(storeys) > 1 else []:
-        there = [room for room in rooms if room.storey == storey]
+    cut_off = []
+    for storey in storeys[1:]:
         own = [room for room in asked if room.storey == storey]
-        if any(room.stairs for room in there) or not own:
+        if not own or any(room.stairs for room in rooms if room.storey == storey):
             continue
-        area, level = sum(room.floor_m2 for room in own), own[0].level_m
-        names = ", ".join(room.name for room in own[:4]) + (", ..." if len(own) > 4 else "")
-        top = ", the top one," if storey == storeys[-1] else ""
-        said.append(
-            f"no stairs lead to storey {storey}{top} {area:.1f} m2 at {level:.2f} m height ({names}): its "
-            "stations need a ladder, or another way that the file does not show; --rooms leaves them out"
-        )
-    return said
+        area, top = sum(room.floor_m2 for room in own), " (the top one)" if storey == storeys[-1] else ""
+        names = ", ".join(room.name for room in own[:3]) + (", ..." if len(own) > 3 else "")
+        cut_off.append(f"storey {storey}{top}, {area:.1f} m2 at {own[0].level_m:.2f} m: {names}")
+    if not cut_off:
+        return []
+    return [
+        f"no stairs lead to {'; '.join(cut_off)}. Stations there need a ladder, or a way that the file does "
+        "not show; --rooms leaves them out"
+    ]
 
 
 def _choose_rooms(scene: Scene, rooms: Rooms, options: SiteOptions) -> tuple[tuple[int, ...], list[str]]:

@@ -93,4 +93,4 @@ def test_a_storey_without_stairs_is_told() -> None:
     high = low.copy().apply_translation([0.0, 0.0, float(low.extents[2]) + 0.3])
     both = trimesh.util.concatenate([low, high])
     plan = plan_views(both, SENSOR, method="cover", mode="room", site=SITE, views=2, rng=0)
-    assert any("no stairs lead to storey 2, the top one" in text for text in plan.site.warnings)
+    assert any("no stairs lead to storey 2 (the top one)" in text for text in plan.site.warnings)
