@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,8 +12,16 @@ import numpy as np
 from completion.export.step.boundaries import OpenEnds, Seams
 from completion.export.step.chains import RegionOutlines, directed_edges, outlines_of
 from completion.export.step.faces import EdgeMaker, FaceMaker, RegionFaces
+from completion.export.step.feature_tree import FaceGroup, feature_tree, names_by_surface
 from completion.export.step.folds import FoldFinder
-from completion.export.step.kernel import NamedFace, kernel, kernel_errors, kernel_surface, step_bytes
+from completion.export.step.kernel import (
+    NamedFace,
+    NamedShape,
+    kernel,
+    kernel_errors,
+    kernel_surface,
+    step_bytes,
+)
 from completion.export.step.limits import EXACT_VOLUME, MEASURED, SMALL_SHARE
 from completion.export.step.pieces import RegionPoints, choose_pieces, corners_of, loops_of, pieces_of
 from completion.export.step.regions import (
@@ -25,9 +33,8 @@ from completion.export.step.regions import (
     join_regions,
     place_text,
 )
-from completion.export.step.sewing import sewn
+from completion.export.step.sewing import OpenEdge, SewnShape, sewn
 from scenes.checks import FloatArray, InputError
-from scenes.scan.colour import surface_bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +55,8 @@ class FaceOutcome:
         Where the face ends without a neighbour, as its measurement does, millimetres.
     extended : tuple of int
         Numbers of surfaces without a face that this one was extended across.
+    is_filled : bool
+        Whether the mesh had holes in this surface, which were closed on it.
     """
 
     number: int
@@ -57,6 +66,12 @@ class FaceOutcome:
     sd_m: float
     open_at: FloatArray | None = None
     extended: tuple[int, ...] = ()
+    is_filled: bool = False
+
+    @property
+    def is_guessed(self) -> bool:
+        """Whether it goes on where nothing was measured, but for gaps as between points."""
+        return self.measured_share < MEASURED or bool(self.extended) or self.is_filled
 
     @property
     def is_open(self) -> bool:
@@ -72,6 +87,8 @@ class StepModel:
     ----------
     data : bytes
         The file.
+    feature_data : bytes, optional
+        A second file with the tree of the features that were named; None where none of them has a face.
     shape : kernel shape
         What it holds, millimetres.
     faces : tuple of FaceOutcome
@@ -86,9 +103,12 @@ class StepModel:
         By how much edges are off the surfaces that they part, at most: 0 where these cross.
     reason : str
         Why it is no solid, in one sentence; empty where it is.
+    open_edges : tuple of OpenEdge
+        Where shells are open; faces are the numbers of their surfaces.
     """
 
     data: bytes
+    feature_data: bytes | None
     shape: Any
     faces: tuple[FaceOutcome, ...]
     n_solids: int
@@ -97,6 +117,7 @@ class StepModel:
     is_valid: bool
     gap_m: float
     reason: str
+    open_edges: tuple[OpenEdge, ...] = ()
 
     @property
     def is_solid(self) -> bool:
@@ -115,12 +136,17 @@ class StepModel:
             "valid": self.is_valid,
             "gap_m": self.gap_m,
             "reason": self.reason or None,
+            "open_edges": [
+                {"surface": edge.face, "at_m": (edge.middle / MM).tolist(), "length_m": edge.length / MM}
+                for edge in self.open_edges
+            ],
             "open_faces": [face.number for face in self.faces if face.is_open and not face.reason],
             "without_face": [
                 {"surface": face.number, "kind": face.kind, "reason": face.reason}
                 for face in self.faces
                 if face.reason
             ],
+            "inferred_faces": [face.number for face in self.faces if face.is_guessed and not face.reason],
         }
 
 
@@ -130,7 +156,7 @@ _FAULTS = "the geometry kernel finds faults in the shape"
 _CROSSED = "too small to be trimmed: its neighbours were extended across it"
 
 
-def step_of(parts: PartRegions, name: str = "part") -> StepModel:
+def step_of(parts: PartRegions, name: str = "part", features: Sequence[FaceGroup] = ()) -> StepModel:
     """Return a part as STEP: analytic faces trimmed where their surfaces meet, sewn, a solid if they close.
 
     After Benko, Martin & Varady (2001), Algorithms for reverse engineering boundary representation models,
@@ -143,6 +169,8 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         Surfaces where their relations hold, their points and contacts; metres.
     name : str
         What the part is called in the file.
+    features : sequence of FaceGroup
+        Features by the numbers of their surfaces: named in the faces, and a tree in a second file.
 
     Returns
     -------
@@ -170,7 +198,7 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         kept = {outcome.number: outcome.extended for outcome in best.outcomes}
         told = [replace(one, extended=(*kept[one.number], *across[one.number])) for one in again.outcomes]
         whole, best = fewer, again._replace(outcomes=tuple(told))
-    return _model(best, tuple(left_out), whole, name)
+    return _model(best, tuple(left_out), whole, NamedShape(name), features)
 
 
 def _beside(parts: PartRegions, small: Sequence[int], number: int) -> tuple[int, ...]:
@@ -244,6 +272,7 @@ def _attempt(parts: PartRegions) -> _Attempt:
             faces.measured,
             sd_m=region.sd_m,
             open_at=ends_at,
+            is_filled=region.is_filled,
         )
         for region, faces, ends_at in zip(parts.regions, trimmed, open_at, strict=True)
     )
@@ -290,9 +319,15 @@ def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: i
     return [k for k, outcome in enumerate(outcomes) if outcome.reason and size[k] <= least]
 
 
-def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], parts: PartRegions, name: str) -> StepModel:
-    """Sew the faces, and write the file."""
-    # 8. Shells and solids, and the file.
+def _model(
+    best: _Attempt,
+    left_out: tuple[FaceOutcome, ...],
+    parts: PartRegions,
+    product: NamedShape,
+    features: Sequence[FaceGroup],
+) -> StepModel:
+    """Sew the faces, and write the file, and that of the features."""
+    # 8. Shells and solids, and the files.
     n = len(best.outcomes)
     reason = _failure_text(best.outcomes, n)
     if not best.faces:
@@ -301,18 +336,19 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], parts: PartRegions
         whole = sewn(best.faces, best.spacing, best.gap)
     except kernel_errors() as error:
         raise InputError(f"the geometry kernel could not sew the part: {error}") from None
-    named = [
-        NamedFace(face, _name(best.outcomes[k]), _layer(best.outcomes[k]), _colour(k))
-        for face, k in zip(whole.faces, best.regions, strict=True)
-    ]
-    if not reason and whole.n_open:
-        reason = "the faces do not meet along all of their edges"
+    numbers = [best.outcomes[k].number for k in best.regions]
+    open_edges = tuple(edge._replace(face=numbers[edge.face]) for edge in whole.open_edges)
+    if whole.n_open and not any(one.is_open for one in best.outcomes if not one.reason):
+        reason = f"{reason}; {_open_text(open_edges)}" if reason else _open_text(open_edges)
     if not reason and parts.mesh is not None:
         reason = _false_volume(parts.mesh, parts, whole.volume_mm3 / MM**3)
     if not whole.is_valid:
         reason = f"{reason}; {_FAULTS}" if reason else _FAULTS
+    body = product._replace(shape=whole.shape, faces=_named_faces(whole, best, names_by_surface(features)))
+    tree = feature_tree(body, numbers, features, product.name)
     return StepModel(
-        data=step_bytes(whole.shape, named, name),
+        data=step_bytes(body),
+        feature_data=None if tree is None else step_bytes(tree),
         shape=whole.shape,
         faces=(*best.outcomes, *left_out),
         n_solids=whole.n_solids,
@@ -321,7 +357,25 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], parts: PartRegions
         is_valid=whole.is_valid,
         gap_m=round(best.gap / MM, 12),
         reason=reason,
+        open_edges=open_edges,
     )
+
+
+def _named_faces(whole: SewnShape, best: _Attempt, named: Mapping[int, str]) -> list[NamedFace]:
+    """The faces of a part with their names, layers and colours; `named` are their features by surface."""
+    outcomes = [best.outcomes[k] for k in best.regions]
+    return [
+        NamedFace(face, _name(one, named.get(one.number, "")), *_LAYERS[one.is_guessed])
+        for face, one in zip(whole.faces, outcomes, strict=True)
+    ]
+
+
+def _open_text(edges: Sequence[OpenEdge]) -> str:
+    """At which edges the faces do not meet, the longest first."""
+    longest = sorted(edges, key=lambda edge: -edge.length)[:_MOST_TOLD]
+    told = ", ".join(f"{edge.face} near {place_text(edge.middle)} ({edge.length:.3g} mm)" for edge in longest)
+    more = f", and {len(edges) - _MOST_TOLD} more" if len(edges) > _MOST_TOLD else ""
+    return f"faces have open edges: of surface {told}{more}"
 
 
 def _false_volume(mesh: RegionMesh, parts: PartRegions, volume_m3: float) -> str:
@@ -363,20 +417,18 @@ def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
     return f"{len(failed)} of {n} surfaces could not be trimmed: {sentence}{more}"
 
 
-def _name(outcome: FaceOutcome) -> str:
+def _name(outcome: FaceOutcome, features: str) -> str:
     sd = f"sd {1e6 * outcome.sd_m:.3g} um"
     end = ", open end" if outcome.is_open else ""
     guess = ", rest inferred" if outcome.measured_share < MEASURED else ""
     if outcome.extended:
         guess += f", extended across surface {', '.join(map(str, outcome.extended))}"
+    if outcome.is_filled:
+        guess += ", gap in the mesh inferred"
     measured = f"{100 * outcome.measured_share:.0f} % measured"
-    return f"surface {outcome.number} {outcome.kind}, {measured}{guess}, {sd}{end}"
+    of = f", {features}" if features else ""
+    return f"surface {outcome.number} {outcome.kind}{of}, {measured}{guess}, {sd}{end}"
 
 
-def _layer(outcome: FaceOutcome) -> str:
-    return "MEASURED" if outcome.measured_share >= MEASURED else "PARTLY-INFERRED"
-
-
-def _colour(place: int) -> tuple[int, int, int]:
-    red, green, blue = surface_bytes(np.array([place + 1]))[0].tolist()
-    return red, green, blue
+_LAYERS = {False: ("MEASURED", (158, 163, 163)), True: ("PARTLY-INFERRED", (46, 122, 204))}
+"""Layer and colour of faces that were measured, and of those of which a part was not: as in reports."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,12 +33,15 @@ class FittedRegion:
         Standard deviation of the surface along its normal over the region, metres.
     group : int
         Regions with equal numbers lie on one surface.
+    is_filled : bool
+        Whether a mesh had holes within it, which were closed.
     """
 
     number: int
     surface: Surface
     sd_m: float = 0.0
     group: int = -1
+    is_filled: bool = False
 
 
 def place_text(point: FloatArray) -> str:
@@ -212,7 +215,13 @@ def join_regions(parts: PartRegions) -> PartRegions:
     between = np.sort(new[parts.between], axis=1)
     differ = between[:, 0] != between[:, 1]
     return PartRegions(
-        regions=tuple(parts.regions[number] for number in kept),
+        regions=tuple(
+            replace(
+                parts.regions[k],
+                is_filled=any(one.is_filled for one, to in zip(parts.regions, heads, strict=True) if to == k),
+            )
+            for k in kept
+        ),
         points=parts.points,
         region=new[parts.region],
         contacts=parts.contacts[differ],
