@@ -6,7 +6,7 @@ Nothing is detected here: holes, fillets and sizes are those of the dimensions, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Literal
@@ -90,11 +90,13 @@ def features_of(
     holes = [_hole(number, walls, part, dimensions) for number, walls in enumerate(_ordered(dimensions), 1)]
     patterns = list(_patterns(holes, dimensions))
     within = {hole.name for pattern in patterns for hole in pattern.members}
+    swept = list(_swept(part, profiles))
+    slots = {label for one in swept if one.kind == "slot" for label in one.surfaces}
     return (
         *patterns,
         *(hole for hole in holes if hole.name not in within),
-        *_swept(part, profiles),
-        *_fillets(part, dimensions),
+        *swept,
+        *_fillets(part, dimensions, slots),
     )
 
 
@@ -178,15 +180,16 @@ def _patterns(holes: Sequence[PartFeature], dimensions: PartDimensions) -> Itera
             yield PartFeature("pattern", number, size, surfaces, members)
 
 
-def _fillets(part: RelatedPart, dimensions: PartDimensions) -> Iterator[PartFeature]:
-    """Fillets, those of one radius together with all pieces of their surfaces."""
-    for number, row in enumerate(dimensions.of_kind("fillet radius"), start=1):
-        groups = {part.groups[part.labels.index(label)] for label in row.surfaces}
-        labels = tuple(
-            label for label, group in zip(part.labels, part.groups, strict=True) if group in groups
-        )
-        many = f"{row.count} x " if row.count > 1 else ""
-        yield PartFeature("fillet", number, f"{many}radius {_mm(row.value)}", labels)
+def _fillets(part: RelatedPart, dimensions: PartDimensions, slots: Collection[int]) -> Iterator[PartFeature]:
+    """Fillets, those of one radius with all pieces of their surfaces together; ends of `slots` are none."""
+    number = 0
+    for row in dimensions.of_kind("fillet radius"):
+        groups = {part.groups[part.labels.index(label)] for label in row.surfaces if label not in slots}
+        own = [label for label, group in zip(part.labels, part.groups, strict=True) if group in groups]
+        if own:
+            number += 1
+            many = f"{len(groups)} x " if len(groups) > 1 else ""
+            yield PartFeature("fillet", number, f"{many}radius {_mm(row.value)}", tuple(own))
 
 
 def _swept(part: RelatedPart, profiles: Sequence[Profile]) -> Iterator[PartFeature]:
@@ -201,8 +204,8 @@ def _swept(part: RelatedPart, profiles: Sequence[Profile]) -> Iterator[PartFeatu
             own = {number for number in walls if _is_wall(loop, profile, points[label == number], part)}
             if own and not any(own <= other for other in known):
                 known.append(own)
-                ends = set(_ends(loop, profile, part, points, label))
-                found.append((loop.kind, _size_text(loop), own | ends))  # type: ignore[arg-type]  # one of _CUT
+                ends = _ends(loop, profile, part, points, label)
+                found.append((loop.kind, _size_text(loop, list(ends.values())), own | set(ends)))  # type: ignore[arg-type]  # one of _CUT
     for kind in _CUT:
         alike = [(size, labels) for one, size, labels in found if one == kind]
         for number, (size, labels) in enumerate(alike, start=1):
@@ -222,9 +225,9 @@ def _is_wall(loop: Loop, profile: Profile, points: FloatArray, part: RelatedPart
 
 def _ends(
     loop: Loop, profile: Profile, part: RelatedPart, points: FloatArray, label: IntArray
-) -> Iterator[int]:
-    """The planes at either end of a loop that lie within it: the floor of a pocket, the top of a boss."""
-    area = loop.polygon.buffer(0)
+) -> dict[int, float]:
+    """Heights of the planes at the ends of a loop that lie within it: a pocket's floor, a boss's top."""
+    area, ends = loop.polygon.buffer(0), dict[int, float]()
     for number, fit in zip(part.labels, part.measured, strict=True):
         cap, own = profile.sweep.cap(fit), points[label == number]
         if cap is None or not len(own):
@@ -232,11 +235,15 @@ def _ends(
         off = min(abs(cap[0] - end) for end in (loop.low_m, loop.high_m))
         is_within = shapely.contains_xy(area, profile.sweep.flatten(own)[:, :2])
         if off <= _REACH * part.spacing_m and float(np.mean(is_within)) > _MOSTLY:
-            yield number
+            ends[number] = cap[0]
+    return ends
 
 
-def _size_text(loop: Loop) -> str:
-    """Width and length along its longest side, or the diameter of a round one; depth or height."""
+def _size_text(loop: Loop, ends: Sequence[float]) -> str:
+    """Width and length along its longest side, or the diameter of a round one; depth or height.
+
+    `ends` are heights of planes within it, which its own levels may be beside.
+    """
     places = np.concatenate([one.places(_N_PLACES) for one in loop.segments])
     lines = [one for one in loop.segments if one.centre is None]
     if not lines and len({one.wall for one in loop.segments}) == 1:
@@ -248,6 +255,9 @@ def _size_text(loop: Loop) -> str:
         length, width = np.ptp(places @ np.column_stack([along, [-along[1], along[0]]]), axis=0)
         is_slot = loop.kind == "slot"
         text = f"width {_mm(width)}, length {_mm(length)}" if is_slot else f"{_mm(length)} x {_mm(width)}"
-    if loop.is_through:
+    if loop.is_through and not ends:
         return f"{text}, through"
-    return f"{text}, {'depth' if loop.is_hollow else 'height'} {_mm(loop.high_m - loop.low_m)}"
+    levels = np.array([loop.low_m, loop.high_m])
+    for height in ends:
+        levels[np.argmin(np.abs(levels - height))] = height
+    return f"{text}, {'depth' if loop.is_hollow else 'height'} {_mm(float(np.ptp(levels)))}"

@@ -101,6 +101,12 @@ def outcome_lines(model: StepModel) -> Sequence[str]:
     lines = [f"step       {_count(n_faces, 'face')} of {_count(len(model.faces), 'surface')}, {what}"]
     left = [face for face in model.faces if face.reason] if model.is_solid else []
     sentences = [f"surface {outcome.number} ({outcome.kind}) is {outcome.reason}" for outcome in left]
+    filled = [face.number for face in model.faces if face.is_filled]
+    if filled:
+        numbers = ", ".join(map(str, filled))
+        sentences.append(
+            f"inferred: gaps in the mesh were closed on surface{'s' * (len(filled) > 1)} {numbers}"
+        )
     return [*lines, *(f"           {text}" for text in (sentences if model.is_solid else [model.reason]))]
 
 

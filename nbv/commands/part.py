@@ -74,7 +74,14 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
-        page = part_page(part, Path(request.shape).name, flat, dimensions=dimensions, profiles=profiles)
+        page = part_page(
+            part,
+            Path(request.shape).name,
+            flat,
+            dimensions=dimensions,
+            profiles=profiles,
+            features=features,
+        )
         run.report(page, request.record())
         record = {} if step is None else {"step": step.record()}
         record |= {} if closed is None else {"closing": closing_record(closed)}

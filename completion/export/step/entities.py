@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Entities: the lines of a STEP file of several products, in an order that follows from their content.
 
-The kernel orders the colours of products by addresses in memory, and numbers occurrences on from file to file.
+The kernel orders the colours of products by addresses in memory and numbers occurrences on from file to file.
 """
 
 from __future__ import annotations

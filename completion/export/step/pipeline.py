@@ -161,7 +161,7 @@ def step_of(parts: PartRegions, name: str = "part", features: Sequence[FaceGroup
 
     After Benko, Martin & Varady (2001), Algorithms for reverse engineering boundary representation models,
     section 7: surfaces are trimmed by their intersections with their neighbours in the region adjacency.
-    What no region measured is not closed.
+    What no region measured is not closed, but for gaps in a model's mesh that its surfaces determine.
 
     Parameters
     ----------
@@ -185,6 +185,9 @@ def step_of(parts: PartRegions, name: str = "part", features: Sequence[FaceGroup
     kernel()
     whole, left_out = join_regions(parts), list[FaceOutcome]()
     best = _attempt(whole)
+    torn = [outcome.number for outcome in best.outcomes if outcome.is_open]
+    if whole.mesh is not None and torn and (whole.mesh.region >= 0).all():
+        whole, best = _mended(whole, best, torn)
     for most in () if whole.mesh is not None else _SMALL:
         small = _small_failures(whole, best.outcomes, most)
         if not small:
@@ -199,6 +202,16 @@ def step_of(parts: PartRegions, name: str = "part", features: Sequence[FaceGroup
         told = [replace(one, extended=(*kept[one.number], *across[one.number])) for one in again.outcomes]
         whole, best = fewer, again._replace(outcomes=tuple(told))
     return _model(best, tuple(left_out), whole, NamedShape(name), features)
+
+
+def _mended(parts: PartRegions, best: _Attempt, torn: Sequence[int]) -> tuple[PartRegions, _Attempt]:
+    """Regions of a model without its mesh, which tore some, where their points close all; else as given."""
+    apart = drop_regions(parts, ())
+    again = _attempt(apart)
+    if any(outcome.reason or outcome.is_open for outcome in again.outcomes):
+        return parts, best
+    told = [replace(one, is_filled=one.is_filled or one.number in torn) for one in again.outcomes]
+    return apart, again._replace(outcomes=tuple(told))
 
 
 def _beside(parts: PartRegions, small: Sequence[int], number: int) -> tuple[int, ...]:
