@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Entities: the lines of a STEP file of several products, in an order that follows from their content.
+"""Entities: the lines of a STEP file, in an order that follows from their content.
 
 The kernel orders the colours of products by addresses in memory and numbers occurrences on from file to file.
 """
@@ -26,12 +26,12 @@ def in_order(text: str) -> str:
     begin = text.index("DATA;\n") + len("DATA;\n")
     end = text.rindex("ENDSEC;")
     numbered = count(1)
-    entities = {
-        int(found[1]): _OCCURRENCE.sub(
-            lambda part: f"{part[1]}'{next(numbered)}'", _TOKEN.sub(lambda part: part[1] or "", found[2])
-        )
-        for found in _ENTITY.finditer(text, begin, end)
-    }
+    entities = dict[int, str]()
+    for found in _ENTITY.finditer(text, begin, end):
+        line = _TOKEN.sub(
+            lambda token: (token[1] or "").replace("\n", ""), found[2]
+        )  # strings are broken, too
+        entities[int(found[1])] = _OCCURRENCE.sub(lambda part: f"{part[1]}'{next(numbered)}'", line)
     first = min((number for number, entity in entities.items() if entity.startswith(_STYLES)), default=0)
     late = {number: entity for number, entity in entities.items() if first and number >= first}
     referred = {other for entity in late.values() for other in _references(entity)}

@@ -208,8 +208,7 @@ def step_bytes(whole: NamedShape) -> bytes:
     document = modules.TDocStd.TDocStd_Document(modules.TCollection.TCollection_ExtendedString("XmlOcaf"))
     _add_product(document, whole)
     modules.XCAFDoc.XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).UpdateAssemblies()
-    data = _write_document(document, whole.name)
-    return (in_order(data) if whole.parts else data).encode()
+    return in_order(_write_document(document, whole.name)).encode()
 
 
 def _add_product(document: Any, of: NamedShape) -> Any:

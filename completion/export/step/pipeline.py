@@ -22,13 +22,13 @@ from completion.export.step.kernel import (
     kernel_surface,
     step_bytes,
 )
-from completion.export.step.limits import EXACT_VOLUME, MEASURED, SMALL_SHARE
+from completion.export.step.limits import MEASURED, SMALL_SHARE
 from completion.export.step.pieces import RegionPoints, choose_pieces, corners_of, loops_of, pieces_of
 from completion.export.step.regions import (
     MM,
     PartRegions,
-    RegionMesh,
     drop_regions,
+    false_volume,
     in_millimetres,
     join_regions,
     place_text,
@@ -341,20 +341,21 @@ def _model(
 ) -> StepModel:
     """Sew the faces, and write the file, and that of the features."""
     # 8. Shells and solids, and the files.
-    n = len(best.outcomes)
-    reason = _failure_text(best.outcomes, n)
     if not best.faces:
-        raise InputError(f"no surface could be trimmed for STEP: {reason}")
+        raise InputError(f"no surface could be trimmed for STEP: {_failure_text(best.outcomes)}")
     try:
         whole = sewn(best.faces, best.spacing, best.gap)
     except kernel_errors() as error:
         raise InputError(f"the geometry kernel could not sew the part: {error}") from None
+    is_free = {best.regions[edge.face] for edge in whole.open_edges}
+    closed = [one if k in is_free else replace(one, open_at=None) for k, one in enumerate(best.outcomes)]
+    best = best._replace(outcomes=tuple(closed))  # ends that two faces share are no open ones
+    reason = _failure_text(best.outcomes)
     numbers = [best.outcomes[k].number for k in best.regions]
     open_edges = tuple(edge._replace(face=numbers[edge.face]) for edge in whole.open_edges)
     if whole.n_open and not any(one.is_open for one in best.outcomes if not one.reason):
         reason = f"{reason}; {_open_text(open_edges)}" if reason else _open_text(open_edges)
-    if not reason and parts.mesh is not None:
-        reason = _false_volume(parts.mesh, parts, whole.volume_mm3 / MM**3)
+    reason = reason or false_volume(parts, whole.volume_mm3 / MM**3)
     if not whole.is_valid:
         reason = f"{reason}; {_FAULTS}" if reason else _FAULTS
     body = product._replace(shape=whole.shape, faces=_named_faces(whole, best, names_by_surface(features)))
@@ -391,28 +392,7 @@ def _open_text(edges: Sequence[OpenEdge]) -> str:
     return f"faces have open edges: of surface {told}{more}"
 
 
-def _false_volume(mesh: RegionMesh, parts: PartRegions, volume_m3: float) -> str:
-    """Why a solid is not the model's: its volume differs by more than chords do; empty where it is."""
-    corners = mesh.vertices[mesh.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas, own = (
-        np.linalg.norm(across, axis=1) / 2,
-        abs(float(np.einsum("ij,ij->", corners[:, 0], across)) / 6),
-    )
-    middles = np.stack(
-        [corners.mean(axis=1), *((corners + np.roll(corners, 1, axis=1)) / 2).transpose(1, 0, 2)]
-    )
-    most = 0.0
-    for k, region in enumerate(parts.regions):
-        some = mesh.region == k
-        sag = np.abs(region.surface.distance(middles[:, some].reshape(-1, 3))).max(initial=0.0)
-        most += float(sag * areas[some].sum())
-    if abs(volume_m3 - own) <= most + EXACT_VOLUME * own:
-        return ""
-    return f"its solid has {1e6 * volume_m3:.4g} cm3, but its triangles enclose {1e6 * own:.4g} cm3"
-
-
-def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
+def _failure_text(outcomes: Sequence[FaceOutcome]) -> str:
     """Which surfaces have no face, and why, in one sentence."""
     failed = [outcome for outcome in outcomes if outcome.reason]
     free = [(one.number, one.open_at) for one in outcomes if one.open_at is not None and not one.reason]
@@ -427,7 +407,7 @@ def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
         f"surface {outcome.number} ({outcome.kind}): {outcome.reason}" for outcome in failed[:_MOST_TOLD]
     )
     more = f"; and {len(failed) - _MOST_TOLD} more" if len(failed) > _MOST_TOLD else ""
-    return f"{len(failed)} of {n} surfaces could not be trimmed: {sentence}{more}"
+    return f"{len(failed)} of {len(outcomes)} surfaces could not be trimmed: {sentence}{more}"
 
 
 def _name(outcome: FaceOutcome, features: str) -> str:

@@ -20,6 +20,7 @@ from OCP.TDF import TDF_Label  # noqa: E402
 from OCP.TDocStd import TDocStd_Document  # noqa: E402
 from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool  # noqa: E402
 
+from benchmarks.cases.dimensioned_parts import dimensioned_part  # noqa: E402
 from benchmarks.cases.models import model_mesh  # noqa: E402
 from completion.export.step.faces import volume_of  # noqa: E402
 from completion.export.step.sewing import sub_shapes  # noqa: E402
@@ -183,6 +184,20 @@ def test_open_edges_are_told_with_their_surface_place_and_length():
     assert all(edge["at_m"][2] == pytest.approx(0.01) for edge in edges)
     assert sorted(edge["surface"] for edge in edges) == model.record()["open_faces"]
     assert not any("inferred" in name for name in names_in(model))
+
+
+def test_ends_that_two_faces_share_are_not_open():
+    """A plate with a raised block: its sides are found in two pieces each, without a fold between them."""
+    made = dimensioned_part(8, 0.02, 2.0)
+    model = step_model(model_part(made.points))
+    assert model.is_solid, model.reason
+    assert model.record()["open_faces"] == model.record()["open_edges"] == []
+    length, width, high, thick = (value for _, value in made.meant[:4])
+    step, end = made.surfaces[15:17]  # after six holes with their floors, two faces and the block's top
+    block = 1e3 * abs(float(end.distance(step.point[None])[0]))
+    true = width * (length * thick + block * (high - thick)) - 6 * np.pi * 4.0**2 * 6.0
+    assert 1e9 * model.volume_m3 == pytest.approx(true, rel=1e-3)
+    assert not any("open end" in name for name in names_in(model))
 
 
 def test_faces_without_a_neighbour_that_failed_tell_their_open_edge(lug, monkeypatch):

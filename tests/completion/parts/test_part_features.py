@@ -97,6 +97,6 @@ def test_entities_are_in_an_order_of_their_own():
     assert ordered[0] == ordered[1]
     assert ordered[0].count(";\n") == 3 + len(one) + 2
     assert "#3 = NEXT_ASSEMBLY_USAGE_OCCURRENCE('1','body','',#1);" in ordered[0]
-    assert "'it''s #7; \n'" in ordered[0]
+    assert "'it''s #7; '" in ordered[0]
     assert "#5 = STYLED_ITEM('',(#6),#1);" in ordered[0]
     assert "#8 = STYLED_ITEM('',(#6),#2);" in ordered[0]
