@@ -245,7 +245,7 @@ def drop_regions(parts: PartRegions, numbers: Sequence[int]) -> PartRegions:
 
 
 def false_volume(parts: PartRegions, volume_m3: float) -> str:
-    """Why a solid is not a model's: its volume differs by more than chords do; empty where it is the model's."""
+    """Why a solid is not that of a model: its volume differs by more than chords do; else empty."""
     mesh = parts.mesh
     if mesh is None:
         return ""
