@@ -15,8 +15,8 @@ import numpy as np
 import shapely
 from scipy.spatial import Delaunay, cKDTree
 
+from completion.parts.division.divided_part import DividedPart
 from completion.parts.division.limits import NEARLY_ALL, ROUNDED_OFF, WIDEST_HOLE
-from completion.parts.part import Part
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.merging import merge_vertices
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -75,12 +75,12 @@ class ClosedPart:
         )
 
 
-def close_holes(part: Part) -> ClosedPart | None:
+def close_holes(part: DividedPart) -> ClosedPart | None:
     """Close the holes of a part's mesh that one plane or cylinder closes.
 
     Parameters
     ----------
-    part : Part
+    part : DividedPart
         Divided into surfaces; of points without triangles nothing can be closed.
 
     Returns
@@ -150,7 +150,7 @@ def _borders(faces: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
 
 
 def _close_hole(
-    part: Part, loop: IntArray, beside: IntArray, corners: FloatArray, *, tree: cKDTree
+    part: DividedPart, loop: IntArray, beside: IntArray, corners: FloatArray, *, tree: cKDTree
 ) -> tuple[int, FloatArray, IntArray] | str:
     """The label, further points (k, 3) and triangles (m, 3) of a closed hole; or why it stays.
 

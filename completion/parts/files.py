@@ -18,6 +18,7 @@ from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.dimensions.table import dimension_records, dimensions_csv, frame_record
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
+from completion.parts.part_features import features_of
 from completion.parts.profiles.drawing import drawn_sheet
 from completion.parts.profiles.profile import Profile, profile_record
 from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
@@ -64,7 +65,8 @@ def write_part(
         The same part flattened (`flatten_part`): flat.ply has its points, or vertices and triangles, in the
         same order, with the properties surface, relief (1 where relief stayed) and moved (metres).
     step : StepModel, optional
-        The same part as STEP (`completion.parts.step_export.step_model`): part.step.
+        The same part as STEP (`completion.parts.step_export.step_model`): part.step, and part.features.step
+        where it has features.
     closed : ClosedPart, optional
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
     dimensions : PartDimensions, optional
@@ -84,6 +86,7 @@ def write_part(
         dimensions = dimensions or dimensions_of(part)
         record = part_record(part, flat)
         record["dimensions"] = dimension_records(dimensions)
+        record["features"] = [one.record() for one in features_of(part, dimensions, profiles)]
         record["datum_frame"] = frame_record(dimensions.frame)
         record["warnings"] = [*record["warnings"], *dimensions.doubts]
         write_text(stage.path("dimensions.csv"), dimensions_csv(dimensions))
@@ -93,6 +96,8 @@ def write_part(
                 _write_closed(closed, stage)
         if step is not None:
             write_bytes(stage.path("part.step"), step.data)
+            if step.feature_data is not None:
+                write_bytes(stage.path("part.features.step"), step.feature_data)
             record["step"] = step.record()
         write_json(stage.path("part.json"), record)
         if part.relations is not None:

@@ -92,7 +92,8 @@ class Part:
         """Write the part to one file by suffix, `.step` or `.stp`; return all files that were written.
 
         STEP (AP214, millimetres) has analytic faces trimmed where surfaces meet, a solid where they close;
-        what is to be known of it, `completion.parts.step_export.step_model` says.
+        what is to be known of it, `completion.parts.step_export.step_model` says. Of a part with features
+        (`completion.parts.part_features.features_of`) a second file, NAME.features.step, has these as a tree.
 
         Raises
         ------
@@ -104,10 +105,16 @@ class Part:
         if target.suffix.lower() not in (".step", ".stp"):
             wrong = target.suffix or "a name without suffix"
             raise InputError(f"{target}: cannot export a part to {wrong}; known: .step, .stp")
-        from completion.parts.step_export import step_model  # its kernel is only loaded where it is asked for
+        from completion.parts.step_export import (
+            named_model,
+        )  # its kernel is only loaded where it is asked for
 
-        write_bytes(target, step_model(self, target.stem).data)
-        return [target]
+        model, features = named_model(self, target.stem), target.with_suffix(f".features{target.suffix}")
+        write_bytes(target, model.data)
+        if model.feature_data is None:
+            return [target]
+        write_bytes(features, model.feature_data)
+        return [target, features]
 
     def __repr__(self) -> str:
         holding = (

@@ -7,11 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from completion.export.step.feature_tree import FaceGroup
+from completion.export.step.kernel import kernel
 from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, RegionMesh, part_regions
 from completion.fitting.result import SurfaceFit
-from completion.parts.division.divided_part import DividedPart, surface_points
+from completion.parts.closing import close_holes
+from completion.parts.dimensions.pipeline import dimensions_of
+from completion.parts.division.divided_part import DividedPart, RelatedPart, surface_points
 from completion.parts.division.limits import ROUNDED_OFF
+from completion.parts.part_features import PartFeature, features_of
+from completion.parts.profiles.pipeline import profiles_of
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.merging import merge_vertices
 
@@ -19,16 +25,32 @@ _LEAST_SAMPLES = 30  # of a surface; where there are fewer, its triangles' middl
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
 
-def step_model(part: DividedPart, name: str = "part") -> StepModel:
+def step_model(part: DividedPart, name: str = "part", features: Sequence[PartFeature] = ()) -> StepModel:
     """Return a part as STEP; see `step_of`.
+
+    `features` (`features_of`) are in the names of faces, and a tree in a second file.
 
     Raises InputError: OCP is not installed, the part has no surface, or none can be trimmed.
     """
-    return step_of(regions_of(part), name)
+    return step_of(regions_of(part), name, [_group(feature) for feature in features])
+
+
+def named_model(part: RelatedPart, name: str) -> StepModel:
+    """Return a part as STEP with its features, by its dimensions and profiles; errors as of `step_model`."""
+    kernel()
+    profiles = () if part.relations is None else profiles_of(part)
+    return step_model(part, name, features_of(part, dimensions_of(part, preferred=False), profiles))
+
+
+def _group(feature: PartFeature) -> FaceGroup:
+    parts = tuple(_group(member) for member in feature.members)
+    return FaceGroup(feature.title, feature.name, feature.surfaces, parts)
 
 
 def regions_of(part: DividedPart) -> PartRegions:
     """Return the regions of a part: its points, or points on its triangles.
+
+    A model's mesh has no gaps of its own: those that lie on one surface are closed on it (`close_holes`).
 
     Raises InputError: a part without surfaces.
     """
@@ -41,12 +63,16 @@ def regions_of(part: DividedPart) -> PartRegions:
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
     region = place[np.maximum(label, 0)]
+    closed = close_holes(part) if part.is_model else None
+    filled = set() if closed is None else set(closed.surface[closed.is_inferred].tolist())
     regions = [
-        FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group)
+        FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group, number in filled)
         for k, (number, fit, group) in enumerate(zip(part.labels, part.fits, part.groups, strict=True))
     ]
     mesh = None
-    if part.is_model and part.faces is not None and part.triangle_surface is not None:
+    if closed is not None:
+        mesh = _region_mesh(closed.points, closed.faces, place[closed.surface])
+    elif part.is_model and part.faces is not None and part.triangle_surface is not None:
         mesh = _region_mesh(part.points, part.faces, place[part.triangle_surface])
     return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m, mesh=mesh)
 
@@ -75,6 +101,12 @@ def outcome_lines(model: StepModel) -> Sequence[str]:
     lines = [f"step       {_count(n_faces, 'face')} of {_count(len(model.faces), 'surface')}, {what}"]
     left = [face for face in model.faces if face.reason] if model.is_solid else []
     sentences = [f"surface {outcome.number} ({outcome.kind}) is {outcome.reason}" for outcome in left]
+    filled = [face.number for face in model.faces if face.is_filled]
+    if filled:
+        numbers = ", ".join(map(str, filled))
+        sentences.append(
+            f"inferred: gaps in the mesh were closed on surface{'s' * (len(filled) > 1)} {numbers}"
+        )
     return [*lines, *(f"           {text}" for text in (sentences if model.is_solid else [model.reason]))]
 
 

@@ -592,7 +592,7 @@ class PartOptions:
     )
     flatten: bool = option("--flatten", "Also write flat.ply: planes without ripple, relief kept.", False)
     exports: tuple[str, ...] = option(
-        "--export", "Also write part.step: trimmed faces for CAD.", (), metavar="step", shown=False,
+        "--export", "Also write part.step, and its features, for CAD.", (), metavar="step", shown=False,
         is_repeated=True, parse=choices(("step",)),
     )  # fmt: skip
     units: Units = _units()

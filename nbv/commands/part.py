@@ -22,6 +22,7 @@ from completion.parts.division.growing import reachable
 from completion.parts.files import closing_record, status_counts, whole_record, write_part
 from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
+from completion.parts.part_features import PartFeature, features_of, features_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
 from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile
@@ -52,10 +53,11 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         doubts = [] if closed is None or not closed.n_closed else [closed.told]
         found = [text for text in part.warnings if text not in held.warnings]
         run.warn([*found, *(() if flat is None else flat.doubts), *doubts])
-        step = _as_step(part, request, run) if "step" in request.exports else None
         run.watch.enter("dimensions")
         dimensions = dimensions_of(part, preferred=request.preferred != "off")
         run.warn(dimensions.doubts)
+        features = features_of(part, dimensions, profiles)
+        step = _as_step(part, features, request, run) if "step" in request.exports else None
         run.watch.enter("save")
         write_part(
             part,
@@ -72,13 +74,22 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
-        page = part_page(part, Path(request.shape).name, flat, dimensions=dimensions, profiles=profiles)
+        page = part_page(
+            part,
+            Path(request.shape).name,
+            flat,
+            dimensions=dimensions,
+            profiles=profiles,
+            features=features,
+        )
         run.report(page, request.record())
         record = {} if step is None else {"step": step.record()}
         record |= {} if closed is None else {"closing": closing_record(closed)}
         lines = lines_of(part, flat) + lines_of_dimensions(dimensions, request.preferred)
-        lines += profile_lines(profiles) + ([] if step is None else list(outcome_lines(step)))
+        lines += [*profile_lines(profiles), f"features   {features_text(features)}"]
+        lines += [] if step is None else list(outcome_lines(step))
         told = {**summary_of(part, flat), "dimensions": dimension_records(dimensions), **record}
+        told["features"] = [one.record() for one in features]
         told["warnings"] = [*told["warnings"], *dimensions.doubts]
         run.finish({**request.record(), **record}, told, lines)
 
@@ -124,11 +135,11 @@ def _flatten_part(part: Part, request: PartOptions, run: Any) -> FlatPart:
         raise InputError(f"{Path(request.shape).name}: {error}{doubts}") from None
 
 
-def _as_step(part: Part, request: PartOptions, run: Any) -> StepModel:
-    """The part as STEP."""
+def _as_step(part: Part, features: Sequence[PartFeature], request: PartOptions, run: Any) -> StepModel:
+    """The part as STEP, with its features."""
     run.watch.enter("step")
     try:
-        return step_model(part, Path(request.shape).stem)
+        return step_model(part, Path(request.shape).stem, features)
     except InputError as error:
         raise InputError(f"{Path(request.shape).name}: {error}") from None
 

@@ -15,6 +15,7 @@ from completion.parts.dimensions.dimension import PartDimensions
 from completion.parts.dimensions.table import basis_text, preferred_text, symbol_text, value_text
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
+from completion.parts.part_features import PartFeature
 from completion.parts.profiles.drawing import drawn_sheet
 from completion.parts.profiles.profile import Profile
 from completion.parts.profiles.sheet_files import sheet_svg
@@ -158,8 +159,9 @@ def part_page(
     *,
     dimensions: PartDimensions | None = None,
     profiles: Sequence[Profile] = (),
+    features: Sequence[PartFeature] = (),
 ) -> Page:
-    """Return the report of one part, of the same flattened where it was, of its dimensions and profiles."""
+    """Return the report of a part, flattened where it was, of its dimensions, features and profiles."""
     what = "vertices" if part.faces is not None else "points"
     share = float(np.mean(part.surface > 0)) if len(part.surface) else 0.0
     graph = part.relations
@@ -187,6 +189,7 @@ def part_page(
         sections=(
             PageSection("The part by surface", _view(part)),
             *(() if dimensions is None else (PageSection("Dimensions", dimension_blocks(part, dimensions)),)),
+            *((PageSection("Features", (_feature_table(features),)),) if features else ()),
             *_drawing(profiles, title),
             PageSection("Surfaces", _surface_blocks(part)),
             *(() if flat is None else (PageSection("Flattened", _flat_blocks(part, flat)),)),
@@ -199,6 +202,13 @@ def part_page(
             *(() if dimensions is None else dimensions.doubts),
         ),
     )
+
+
+def _feature_table(features: Sequence[PartFeature]) -> Table:
+    """A row for each feature, those of a pattern after it."""
+    every = [one for feature in features for one in (feature, *feature.members)]
+    rows = [(Cell(one.name), Cell(one.size), Cell(_listed(one.surfaces))) for one in every[:_MOST_ROWS]]
+    return Table(("Feature", "Size", "Of surfaces"), tuple(rows))
 
 
 def _drawing(profiles: Sequence[Profile], title: str) -> tuple[PageSection, ...]:

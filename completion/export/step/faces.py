@@ -88,12 +88,16 @@ def edges_of(shape: Any, n: int = 30) -> list[FloatArray]:
     while walk.More():
         edge = modules.TopoDS.TopoDS.Edge(walk.Current())
         walk.Next()
-        if modules.BRep.BRep_Tool.Degenerated_s(edge):
-            continue
-        curve = modules.BRepAdaptor.BRepAdaptor_Curve(edge)
-        t = np.linspace(curve.FirstParameter(), curve.LastParameter(), n)
-        edges.append(np.array([curve.Value(float(parameter)).Coord() for parameter in t]))
+        if not modules.BRep.BRep_Tool.Degenerated_s(edge):
+            edges.append(edge_points(edge, n))
     return edges
+
+
+def edge_points(edge: Any, n: int = 101) -> FloatArray:
+    """Points (n, 3) along an edge, mm."""
+    curve = kernel().BRepAdaptor.BRepAdaptor_Curve(edge)
+    t = np.linspace(curve.FirstParameter(), curve.LastParameter(), n)
+    return np.array([curve.Value(float(parameter)).Coord() for parameter in t])
 
 
 def plain_seams(face: Any) -> None:

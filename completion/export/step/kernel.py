@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from completion.export.step.entities import in_order
 from completion.export.step.limits import TOLERANCE
 from completion.fitting.patches.spline import SplinePatch
 from scenes.checks import FloatArray, InputError
@@ -189,33 +190,48 @@ class NamedFace(NamedTuple):
     colour: tuple[int, int, int]
 
 
-def step_bytes(shape: Any, faces: Sequence[NamedFace], name: str) -> bytes:
-    """Return a shape in millimetres as a STEP file (AP214) without date, user or system.
+class NamedShape(NamedTuple):
+    """A product: its name, its shape in millimetres with named faces; or an assembly of `parts` instead."""
+
+    name: str
+    shape: Any | None = None
+    faces: Sequence[NamedFace] = ()
+    parts: Sequence[NamedShape] = ()
+
+
+def step_bytes(whole: NamedShape) -> bytes:
+    """Return a product, or a tree of products, as a STEP file (AP214) without date, user or system.
 
     Raises InputError: the kernel cannot write it.
     """
-    document, tool = _document(shape, name)
+    modules = kernel()
+    document = modules.TDocStd.TDocStd_Document(modules.TCollection.TCollection_ExtendedString("XmlOcaf"))
+    _add_product(document, whole)
+    modules.XCAFDoc.XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).UpdateAssemblies()
+    return in_order(_write_document(document, whole.name)).encode()
+
+
+def _add_product(document: Any, of: NamedShape) -> Any:
+    """Add a product, and those below it, to a document; return its label."""
     xcaf, text = kernel().XCAFDoc, kernel().TCollection.TCollection_ExtendedString
-    colours = xcaf.XCAFDoc_DocumentTool.ColorTool_s(document.Main())
-    layers = xcaf.XCAFDoc_DocumentTool.LayerTool_s(document.Main())
-    root = tool.FindShape(shape)
-    for face in faces:
+    set_name = kernel().TDataStd.TDataStd_Name.Set_s
+    tool, colours, layers = (
+        getattr(xcaf.XCAFDoc_DocumentTool, name)(document.Main())
+        for name in ("ShapeTool_s", "ColorTool_s", "LayerTool_s")
+    )
+    root = tool.NewShape() if of.shape is None else tool.AddShape(of.shape, False)
+    set_name(root, text(of.name))
+    for face in of.faces:
         label = tool.AddSubShape(root, face.face)
         if label.IsNull():
             continue
-        kernel().TDataStd.TDataStd_Name.Set_s(label, text(face.name))
+        set_name(label, text(face.name))
         colours.SetColor(label, _colour(face.colour), xcaf.XCAFDoc_ColorType.XCAFDoc_ColorSurf)
         layers.SetLayer(label, text(face.layer))
-    return _write_document(document, name)
-
-
-def _document(shape: Any, name: str) -> tuple[Any, Any]:
-    text = kernel().TCollection.TCollection_ExtendedString
-    document = kernel().TDocStd.TDocStd_Document(text("XmlOcaf"))
-    tool = kernel().XCAFDoc.XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    label = tool.AddShape(shape, False)
-    kernel().TDataStd.TDataStd_Name.Set_s(label, text(name))
-    return document, tool
+    for part in of.parts:
+        placed = tool.AddComponent(root, _add_product(document, part), kernel().TopLoc.TopLoc_Location())
+        set_name(placed, text(part.name))
+    return root
 
 
 def _colour(colour: tuple[int, int, int]) -> Any:
@@ -224,7 +240,7 @@ def _colour(colour: tuple[int, int, int]) -> Any:
     return kind.Quantity_Color(red, green, blue, kind.Quantity_TypeOfColor.Quantity_TOC_sRGB)
 
 
-def _write_document(document: Any, name: str) -> bytes:
+def _write_document(document: Any, name: str) -> str:
     static = kernel().Interface.Interface_Static
     writer = kernel().STEPCAFControl.STEPCAFControl_Writer()
     for key, value in (
@@ -249,7 +265,7 @@ def _write_document(document: Any, name: str) -> bytes:
     safe = "".join(
         text if text.isascii() and text.isprintable() and text not in "'\\" else "_" for text in name
     )
-    return _HEADER.sub(lambda _found: _NAME.format(name=safe), data, count=1).encode()
+    return _HEADER.sub(lambda _found: _NAME.format(name=safe), data, count=1)
 
 
 _MM = 1000.0
@@ -266,7 +282,7 @@ def patch_step(patch: SplinePatch, name: str = "patch") -> bytes:
     surface = spline_surface(patch.scale_and_shift(_MM, np.zeros(3)))
     face = kernel().BRepBuilderAPI.BRepBuilderAPI_MakeFace(surface, TOLERANCE).Face()
     red, green, blue = surface_bytes(np.array([1]))[0].tolist()
-    return step_bytes(face, [NamedFace(face, name, "MEASURED", (red, green, blue))], name)
+    return step_bytes(NamedShape(name, face, [NamedFace(face, name, "MEASURED", (red, green, blue))]))
 
 
 def spline_surface(patch: SplinePatch) -> Any:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,22 +12,29 @@ import numpy as np
 from completion.export.step.boundaries import OpenEnds, Seams
 from completion.export.step.chains import RegionOutlines, directed_edges, outlines_of
 from completion.export.step.faces import EdgeMaker, FaceMaker, RegionFaces
+from completion.export.step.feature_tree import FaceGroup, feature_tree, names_by_surface
 from completion.export.step.folds import FoldFinder
-from completion.export.step.kernel import NamedFace, kernel, kernel_errors, kernel_surface, step_bytes
-from completion.export.step.limits import EXACT_VOLUME, MEASURED, SMALL_SHARE
+from completion.export.step.kernel import (
+    NamedFace,
+    NamedShape,
+    kernel,
+    kernel_errors,
+    kernel_surface,
+    step_bytes,
+)
+from completion.export.step.limits import MEASURED, SMALL_SHARE
 from completion.export.step.pieces import RegionPoints, choose_pieces, corners_of, loops_of, pieces_of
 from completion.export.step.regions import (
     MM,
     PartRegions,
-    RegionMesh,
     drop_regions,
+    false_volume,
     in_millimetres,
     join_regions,
     place_text,
 )
-from completion.export.step.sewing import sewn
+from completion.export.step.sewing import OpenEdge, SewnShape, sewn
 from scenes.checks import FloatArray, InputError
-from scenes.scan.colour import surface_bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +55,8 @@ class FaceOutcome:
         Where the face ends without a neighbour, as its measurement does, millimetres.
     extended : tuple of int
         Numbers of surfaces without a face that this one was extended across.
+    is_filled : bool
+        Whether the mesh had holes in this surface, which were closed on it.
     """
 
     number: int
@@ -57,6 +66,12 @@ class FaceOutcome:
     sd_m: float
     open_at: FloatArray | None = None
     extended: tuple[int, ...] = ()
+    is_filled: bool = False
+
+    @property
+    def is_guessed(self) -> bool:
+        """Whether it goes on where nothing was measured, but for gaps as between points."""
+        return self.measured_share < MEASURED or bool(self.extended) or self.is_filled
 
     @property
     def is_open(self) -> bool:
@@ -72,6 +87,8 @@ class StepModel:
     ----------
     data : bytes
         The file.
+    feature_data : bytes, optional
+        A second file with the tree of the features that were named; None where none of them has a face.
     shape : kernel shape
         What it holds, millimetres.
     faces : tuple of FaceOutcome
@@ -86,9 +103,12 @@ class StepModel:
         By how much edges are off the surfaces that they part, at most: 0 where these cross.
     reason : str
         Why it is no solid, in one sentence; empty where it is.
+    open_edges : tuple of OpenEdge
+        Where shells are open; faces are the numbers of their surfaces.
     """
 
     data: bytes
+    feature_data: bytes | None
     shape: Any
     faces: tuple[FaceOutcome, ...]
     n_solids: int
@@ -97,6 +117,7 @@ class StepModel:
     is_valid: bool
     gap_m: float
     reason: str
+    open_edges: tuple[OpenEdge, ...] = ()
 
     @property
     def is_solid(self) -> bool:
@@ -115,12 +136,17 @@ class StepModel:
             "valid": self.is_valid,
             "gap_m": self.gap_m,
             "reason": self.reason or None,
+            "open_edges": [
+                {"surface": edge.face, "at_m": (edge.middle / MM).tolist(), "length_m": edge.length / MM}
+                for edge in self.open_edges
+            ],
             "open_faces": [face.number for face in self.faces if face.is_open and not face.reason],
             "without_face": [
                 {"surface": face.number, "kind": face.kind, "reason": face.reason}
                 for face in self.faces
                 if face.reason
             ],
+            "inferred_faces": [face.number for face in self.faces if face.is_guessed and not face.reason],
         }
 
 
@@ -130,12 +156,12 @@ _FAULTS = "the geometry kernel finds faults in the shape"
 _CROSSED = "too small to be trimmed: its neighbours were extended across it"
 
 
-def step_of(parts: PartRegions, name: str = "part") -> StepModel:
+def step_of(parts: PartRegions, name: str = "part", features: Sequence[FaceGroup] = ()) -> StepModel:
     """Return a part as STEP: analytic faces trimmed where their surfaces meet, sewn, a solid if they close.
 
     After Benko, Martin & Varady (2001), Algorithms for reverse engineering boundary representation models,
     section 7: surfaces are trimmed by their intersections with their neighbours in the region adjacency.
-    What no region measured is not closed.
+    What no region measured is not closed, but for gaps in a model's mesh that its surfaces determine.
 
     Parameters
     ----------
@@ -143,6 +169,8 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         Surfaces where their relations hold, their points and contacts; metres.
     name : str
         What the part is called in the file.
+    features : sequence of FaceGroup
+        Features by the numbers of their surfaces: named in the faces, and a tree in a second file.
 
     Returns
     -------
@@ -157,6 +185,9 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
     kernel()
     whole, left_out = join_regions(parts), list[FaceOutcome]()
     best = _attempt(whole)
+    torn = [outcome.number for outcome in best.outcomes if outcome.is_open]
+    if whole.mesh is not None and torn and (whole.mesh.region >= 0).all():
+        whole, best = _mended(whole, best, torn)
     for most in () if whole.mesh is not None else _SMALL:
         small = _small_failures(whole, best.outcomes, most)
         if not small:
@@ -170,7 +201,17 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         kept = {outcome.number: outcome.extended for outcome in best.outcomes}
         told = [replace(one, extended=(*kept[one.number], *across[one.number])) for one in again.outcomes]
         whole, best = fewer, again._replace(outcomes=tuple(told))
-    return _model(best, tuple(left_out), whole, name)
+    return _model(best, tuple(left_out), whole, NamedShape(name), features)
+
+
+def _mended(parts: PartRegions, best: _Attempt, torn: Sequence[int]) -> tuple[PartRegions, _Attempt]:
+    """Regions of a model without its mesh, which tore some, where their points close all; else as given."""
+    apart = drop_regions(parts, ())
+    again = _attempt(apart)
+    if any(outcome.reason or outcome.is_open for outcome in again.outcomes):
+        return parts, best
+    told = [replace(one, is_filled=one.is_filled or one.number in torn) for one in again.outcomes]
+    return apart, again._replace(outcomes=tuple(told))
 
 
 def _beside(parts: PartRegions, small: Sequence[int], number: int) -> tuple[int, ...]:
@@ -244,6 +285,7 @@ def _attempt(parts: PartRegions) -> _Attempt:
             faces.measured,
             sd_m=region.sd_m,
             open_at=ends_at,
+            is_filled=region.is_filled,
         )
         for region, faces, ends_at in zip(parts.regions, trimmed, open_at, strict=True)
     )
@@ -290,29 +332,37 @@ def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: i
     return [k for k, outcome in enumerate(outcomes) if outcome.reason and size[k] <= least]
 
 
-def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], parts: PartRegions, name: str) -> StepModel:
-    """Sew the faces, and write the file."""
-    # 8. Shells and solids, and the file.
-    n = len(best.outcomes)
-    reason = _failure_text(best.outcomes, n)
+def _model(
+    best: _Attempt,
+    left_out: tuple[FaceOutcome, ...],
+    parts: PartRegions,
+    product: NamedShape,
+    features: Sequence[FaceGroup],
+) -> StepModel:
+    """Sew the faces, and write the file, and that of the features."""
+    # 8. Shells and solids, and the files.
     if not best.faces:
-        raise InputError(f"no surface could be trimmed for STEP: {reason}")
+        raise InputError(f"no surface could be trimmed for STEP: {_failure_text(best.outcomes)}")
     try:
         whole = sewn(best.faces, best.spacing, best.gap)
     except kernel_errors() as error:
         raise InputError(f"the geometry kernel could not sew the part: {error}") from None
-    named = [
-        NamedFace(face, _name(best.outcomes[k]), _layer(best.outcomes[k]), _colour(k))
-        for face, k in zip(whole.faces, best.regions, strict=True)
-    ]
-    if not reason and whole.n_open:
-        reason = "the faces do not meet along all of their edges"
-    if not reason and parts.mesh is not None:
-        reason = _false_volume(parts.mesh, parts, whole.volume_mm3 / MM**3)
+    is_free = {best.regions[edge.face] for edge in whole.open_edges}
+    closed = [one if k in is_free else replace(one, open_at=None) for k, one in enumerate(best.outcomes)]
+    best = best._replace(outcomes=tuple(closed))  # ends that two faces share are no open ones
+    reason = _failure_text(best.outcomes)
+    numbers = [best.outcomes[k].number for k in best.regions]
+    open_edges = tuple(edge._replace(face=numbers[edge.face]) for edge in whole.open_edges)
+    if whole.n_open and not any(one.is_open for one in best.outcomes if not one.reason):
+        reason = f"{reason}; {_open_text(open_edges)}" if reason else _open_text(open_edges)
+    reason = reason or false_volume(parts, whole.volume_mm3 / MM**3)
     if not whole.is_valid:
         reason = f"{reason}; {_FAULTS}" if reason else _FAULTS
+    body = product._replace(shape=whole.shape, faces=_named_faces(whole, best, names_by_surface(features)))
+    tree = feature_tree(body, numbers, features, product.name)
     return StepModel(
-        data=step_bytes(whole.shape, named, name),
+        data=step_bytes(body),
+        feature_data=None if tree is None else step_bytes(tree),
         shape=whole.shape,
         faces=(*best.outcomes, *left_out),
         n_solids=whole.n_solids,
@@ -321,31 +371,28 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], parts: PartRegions
         is_valid=whole.is_valid,
         gap_m=round(best.gap / MM, 12),
         reason=reason,
+        open_edges=open_edges,
     )
 
 
-def _false_volume(mesh: RegionMesh, parts: PartRegions, volume_m3: float) -> str:
-    """Why a solid is not the model's: its volume differs by more than chords do; empty where it is."""
-    corners = mesh.vertices[mesh.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas, own = (
-        np.linalg.norm(across, axis=1) / 2,
-        abs(float(np.einsum("ij,ij->", corners[:, 0], across)) / 6),
-    )
-    middles = np.stack(
-        [corners.mean(axis=1), *((corners + np.roll(corners, 1, axis=1)) / 2).transpose(1, 0, 2)]
-    )
-    most = 0.0
-    for k, region in enumerate(parts.regions):
-        some = mesh.region == k
-        sag = np.abs(region.surface.distance(middles[:, some].reshape(-1, 3))).max(initial=0.0)
-        most += float(sag * areas[some].sum())
-    if abs(volume_m3 - own) <= most + EXACT_VOLUME * own:
-        return ""
-    return f"its solid has {1e6 * volume_m3:.4g} cm3, but its triangles enclose {1e6 * own:.4g} cm3"
+def _named_faces(whole: SewnShape, best: _Attempt, named: Mapping[int, str]) -> list[NamedFace]:
+    """The faces of a part with their names, layers and colours; `named` are their features by surface."""
+    outcomes = [best.outcomes[k] for k in best.regions]
+    return [
+        NamedFace(face, _name(one, named.get(one.number, "")), *_LAYERS[one.is_guessed])
+        for face, one in zip(whole.faces, outcomes, strict=True)
+    ]
 
 
-def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
+def _open_text(edges: Sequence[OpenEdge]) -> str:
+    """At which edges the faces do not meet, the longest first."""
+    longest = sorted(edges, key=lambda edge: -edge.length)[:_MOST_TOLD]
+    told = ", ".join(f"{edge.face} near {place_text(edge.middle)} ({edge.length:.3g} mm)" for edge in longest)
+    more = f", and {len(edges) - _MOST_TOLD} more" if len(edges) > _MOST_TOLD else ""
+    return f"faces have open edges: of surface {told}{more}"
+
+
+def _failure_text(outcomes: Sequence[FaceOutcome]) -> str:
     """Which surfaces have no face, and why, in one sentence."""
     failed = [outcome for outcome in outcomes if outcome.reason]
     free = [(one.number, one.open_at) for one in outcomes if one.open_at is not None and not one.reason]
@@ -360,23 +407,21 @@ def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
         f"surface {outcome.number} ({outcome.kind}): {outcome.reason}" for outcome in failed[:_MOST_TOLD]
     )
     more = f"; and {len(failed) - _MOST_TOLD} more" if len(failed) > _MOST_TOLD else ""
-    return f"{len(failed)} of {n} surfaces could not be trimmed: {sentence}{more}"
+    return f"{len(failed)} of {len(outcomes)} surfaces could not be trimmed: {sentence}{more}"
 
 
-def _name(outcome: FaceOutcome) -> str:
+def _name(outcome: FaceOutcome, features: str) -> str:
     sd = f"sd {1e6 * outcome.sd_m:.3g} um"
     end = ", open end" if outcome.is_open else ""
     guess = ", rest inferred" if outcome.measured_share < MEASURED else ""
     if outcome.extended:
         guess += f", extended across surface {', '.join(map(str, outcome.extended))}"
+    if outcome.is_filled:
+        guess += ", gap in the mesh inferred"
     measured = f"{100 * outcome.measured_share:.0f} % measured"
-    return f"surface {outcome.number} {outcome.kind}, {measured}{guess}, {sd}{end}"
+    of = f", {features}" if features else ""
+    return f"surface {outcome.number} {outcome.kind}{of}, {measured}{guess}, {sd}{end}"
 
 
-def _layer(outcome: FaceOutcome) -> str:
-    return "MEASURED" if outcome.measured_share >= MEASURED else "PARTLY-INFERRED"
-
-
-def _colour(place: int) -> tuple[int, int, int]:
-    red, green, blue = surface_bytes(np.array([place + 1]))[0].tolist()
-    return red, green, blue
+_LAYERS = {False: ("MEASURED", (158, 163, 163)), True: ("PARTLY-INFERRED", (46, 122, 204))}
+"""Layer and colour of faces that were measured, and of those of which a part was not: as in reports."""

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.export.step.limits import CONTACT_REACH, LEAST_POINTS
+from completion.export.step.limits import CONTACT_REACH, EXACT_VOLUME, LEAST_POINTS
 from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 
@@ -33,12 +33,15 @@ class FittedRegion:
         Standard deviation of the surface along its normal over the region, metres.
     group : int
         Regions with equal numbers lie on one surface.
+    is_filled : bool
+        Whether a mesh had holes within it, which were closed.
     """
 
     number: int
     surface: Surface
     sd_m: float = 0.0
     group: int = -1
+    is_filled: bool = False
 
 
 def place_text(point: FloatArray) -> str:
@@ -212,7 +215,13 @@ def join_regions(parts: PartRegions) -> PartRegions:
     between = np.sort(new[parts.between], axis=1)
     differ = between[:, 0] != between[:, 1]
     return PartRegions(
-        regions=tuple(parts.regions[number] for number in kept),
+        regions=tuple(
+            replace(
+                parts.regions[k],
+                is_filled=any(one.is_filled for one, to in zip(parts.regions, heads, strict=True) if to == k),
+            )
+            for k in kept
+        ),
         points=parts.points,
         region=new[parts.region],
         contacts=parts.contacts[differ],
@@ -233,6 +242,30 @@ def drop_regions(parts: PartRegions, numbers: Sequence[int]) -> PartRegions:
     regions = [parts.regions[k] for k in kept]
     region = place[parts.region]
     return part_regions(regions, parts.points, region, spacing_m=parts.spacing_m, noise_m=parts.noise_m)
+
+
+def false_volume(parts: PartRegions, volume_m3: float) -> str:
+    """Why a solid is not that of a model: its volume differs by more than chords do; else empty."""
+    mesh = parts.mesh
+    if mesh is None:
+        return ""
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas, own = (
+        np.linalg.norm(across, axis=1) / 2,
+        abs(float(np.einsum("ij,ij->", corners[:, 0], across)) / 6),
+    )
+    middles = np.stack(
+        [corners.mean(axis=1), *((corners + np.roll(corners, 1, axis=1)) / 2).transpose(1, 0, 2)]
+    )
+    most = 0.0
+    for k, region in enumerate(parts.regions):
+        some = mesh.region == k
+        sag = np.abs(region.surface.distance(middles[:, some].reshape(-1, 3))).max(initial=0.0)
+        most += float(sag * areas[some].sum())
+    if abs(volume_m3 - own) <= most + EXACT_VOLUME * own:
+        return ""
+    return f"its solid has {1e6 * volume_m3:.4g} cm3, but its triangles enclose {1e6 * own:.4g} cm3"
 
 
 def _is_one(parts: PartRegions, large: int, small: int, tolerance: float) -> bool:

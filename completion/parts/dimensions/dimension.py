@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from completion.parts.dimensions.hole import Hole
 from completion.relations.equations import Placement
 from scenes.checks import FloatArray
 
@@ -144,11 +145,15 @@ class DatumFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartDimensions:
-    """The dimensions of a part, the frame of its overall sizes, and why what is missing is missing."""
+    """The dimensions of a part, the frame of its overall sizes, and why what is missing is missing.
+
+    `holes` are those of each place at which it is drilled: of a stepped one its cylinders together.
+    """
 
     rows: tuple[PartDimension, ...]
     frame: DatumFrame
     doubts: tuple[str, ...] = ()
+    holes: tuple[tuple[Hole, ...], ...] = ()
 
     def of_kind(self, kind: Kind) -> tuple[PartDimension, ...]:
         """Those of a kind, in order."""

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, qr
@@ -17,6 +16,7 @@ from completion.parts.dimensions.dimension import Kind, PartDimension
 from completion.parts.dimensions.distances import DirectionClass
 from completion.parts.dimensions.face_samples import FaceSamples
 from completion.parts.dimensions.frame import across_of
+from completion.parts.dimensions.hole import CONE, FLOOR, OPEN, Hole, HoleEnd
 from completion.parts.dimensions.joint_surfaces import JointSurfaces
 from completion.parts.dimensions.sizes import RoundFaces
 from completion.relations.equations import Placement
@@ -27,30 +27,6 @@ _NEAR = 3.0  # sampling distances of a hole's end, within which the face lies th
 _WIDE = 1.5  # radii from the axis: what belongs to a hole's end
 _MOSTLY = 0.5  # of its points there, that must lie within the radius of what closes a hole
 _ACROSS = 0.1  # cosine of a plane's normal with the axis of a hole that ends in it
-_OPEN, _FLOOR, _CONE = "open", "floor", "cone"
-
-
-class HoleEnd(NamedTuple):
-    """What ends a hole: nothing behind it, a floor, or a cone; and the place of that face, -1 for none."""
-
-    kind: str
-    place: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hole:
-    """A hole: the place of its wall, and its ends, the lower first along its axis."""
-
-    place: int
-    ends: tuple[HoleEnd, HoleEnd]
-
-    @property
-    def note(self) -> str:
-        """Whether it goes through."""
-        kinds = sorted(end.kind for end in self.ends)
-        if kinds == [_OPEN, _OPEN]:
-            return "through" if all(end.place >= 0 for end in self.ends) else ""
-        return "blind" if _OPEN in kinds else ""
 
 
 def holes_of(items: Sequence[RoundFaces], known: JointSurfaces, faces: FaceSamples) -> dict[int, Hole]:
@@ -64,7 +40,7 @@ def _ends_of(place: int, known: JointSurfaces, faces: FaceSamples) -> tuple[Hole
     """At either end the face that has most points there."""
     at = known.at[place]
     near, middle = _NEAR * faces.spacing_m, float(at.point @ at.direction)
-    best = [(0, HoleEnd(_OPEN, -1)), (0, HoleEnd(_OPEN, -1))]
+    best = [(0, HoleEnd(OPEN, -1)), (0, HoleEnd(OPEN, -1))]
     for other in sorted(faces.neighbours[place]):
         surface, step = faces.surfaces[other], faces.of(other) - at.point
         height = step @ at.direction
@@ -77,10 +53,10 @@ def _ends_of(place: int, known: JointSurfaces, faces: FaceSamples) -> tuple[Hole
             far = abs(float(np.median(height[beside])) + middle - end)
             if isinstance(surface, Plane):
                 fits = bool(abs(surface.normal_direction @ at.direction) > _ACROSS)
-                kind = _FLOOR if is_inside else _OPEN
+                kind = FLOOR if is_inside else OPEN
             else:
-                fits, kind = isinstance(surface, Cone) and is_inside, _CONE
-            if fits and far < (max(near, at.radius) if kind == _CONE else near):
+                fits, kind = isinstance(surface, Cone), CONE if is_inside else OPEN
+            if fits and far < (max(near, at.radius) if isinstance(surface, Cone) else near):
                 best[k] = max(best[k], (int(beside.sum()), HoleEnd(kind, other)), key=lambda pair: pair[0])
     return best[0][1], best[1][1]
 
@@ -92,16 +68,18 @@ def depth_rows(
     for group in groups:
         first = group[0]
         kinds = [end.kind for end in first.ends]
-        if kinds.count(_OPEN) != 1 or any(end.place < 0 for end in first.ends):
+        if kinds.count(OPEN) != 1 or any(end.place < 0 for end in first.ends):
             continue
-        mouth, floor = first.ends if kinds[0] == _OPEN else first.ends[::-1]
-        measure = _to_cone if floor.kind == _CONE else _to_plane
+        mouth, floor = first.ends if kinds[0] == OPEN else first.ends[::-1]
+        if not known.at[mouth.place].is_plane:  # a countersink: its depth is none of this cylinder's
+            continue
+        measure = _to_cone if floor.kind == CONE else _to_plane
         at, reach = known.at[first.place], faces.reach(first.place, known.at[first.place].direction)
         foot = at.point - float(at.point @ at.direction) * at.direction
         yield known.dimension(
             "hole depth", (first.place, mouth.place, floor.place), measure,
             alike=[hole.place for hole in group],
-            note="to the cone" if floor.kind == _CONE else "",
+            note="to the cone" if floor.kind == CONE else "",
             ends=np.stack([foot + height * at.direction for height in reach]),
         )  # fmt: skip
 
@@ -120,6 +98,25 @@ def _to_cone(at: Sequence[Placement]) -> float:
     hole, cone = at[0], at[2]
     point = cone.point + (hole.radius - cone.radius) / np.tan(cone.half_angle) * cone.direction
     return abs(float(hole.direction @ (point - hole.point)) - _height_on_axis(hole, at[1]))
+
+
+def stepped_holes(holes: Mapping[int, Hole], kinds: Sequence[DirectionClass]) -> tuple[tuple[Hole, ...], ...]:
+    """The holes by what is drilled at one place: those on one axis of which one opens in another's end."""
+    line = {
+        place: (k, n) for k, kind in enumerate(kinds) for n, line in enumerate(kind.axes) for place in line
+    }
+    head = {place: place for place in holes}
+    for one, other in product(holes.values(), repeat=2):
+        closed = {end.place for end in one.ends if end.kind != OPEN}
+        opens = {end.place for end in other.ends if end.kind == OPEN and end.place >= 0}
+        is_on_axis = one is not other and line.get(one.place, -1) == line.get(other.place, -2)
+        if is_on_axis and closed & opens:
+            old, new = head[other.place], head[one.place]
+            head = {place: new if to == old else to for place, to in head.items()}
+    return tuple(
+        tuple(holes[place] for place in sorted(holes) if head[place] == to)
+        for to in dict.fromkeys(head.values())
+    )
 
 
 def alike_holes(

@@ -23,6 +23,7 @@ from completion.parts.dimensions.holes import (
     find_patterns,
     holes_of,
     pattern_rows,
+    stepped_holes,
 )
 from completion.parts.dimensions.joint_surfaces import JointSurfaces
 from completion.parts.dimensions.measures import measure_rows
@@ -72,7 +73,8 @@ def dimensions_of(part: RelatedPart, *, preferred: bool = True) -> PartDimension
              if row.kind == "start angle" or not row.sd > MOST_RADIUS_SD * row.value] + whole  # fmt: skip
 
     # 4. Read: what each was meant to be, as a hypothesis.
-    return PartDimensions(with_preferred(every) if preferred else tuple(every), frame, doubts)
+    read = with_preferred(every) if preferred else tuple(every)
+    return PartDimensions(read, frame, doubts, stepped_holes(holes, classes))
 
 
 def _nodes(

@@ -14,7 +14,7 @@ from completion.export.step import kernel as kernel_file
 from nbv.cli import app
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
-from tests.helpers.step_examples import box
+from tests.helpers.step_examples import box, drilled
 
 SIZE = (0.018, 0.012, 0.008)
 
@@ -53,8 +53,27 @@ def test_the_command_writes_what_python_exports(file, points, tmp_path):
     assert told["volume_m3"] == pytest.approx(np.prod(SIZE), rel=1e-6)
     assert json.loads((tmp_path / "out/part.json").read_text("utf-8"))["step"] == told
     assert json.loads((tmp_path / "out/manifest.json").read_text("utf-8"))["options"]["step"] == told
+    assert json.loads(done.stdout)["features"] == []
+    assert not (tmp_path / "out/part.features.step").exists()
     model_part(points).export(tmp_path / "block.step")
     assert (tmp_path / "block.step").read_bytes() == (tmp_path / "out/part.step").read_bytes()
+
+
+def test_features_are_in_the_summary_and_their_tree_is_that_of_python(tmp_path):
+    pytest.importorskip("OCP", reason='OCP is not installed: pip install "unseen[step]"')
+    points = np.concatenate([own for _, own in drilled(SIZE, 0.003)])
+    np.savez(tmp_path / "drilled.npz", points=points)
+    done = run(tmp_path / "drilled.npz", "--export", "step", "-o", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    (hole,) = json.loads(done.stdout)["features"]
+    assert (hole["name"], hole["size"]) == ("hole 1", "diameter 6.00 mm, through")
+    assert json.loads((tmp_path / "out/part.json").read_text("utf-8"))["features"] == [hole]
+    model_part(points).export(tmp_path / "drilled.step")
+    for name in ("part.step", "part.features.step"):
+        own = (tmp_path / name.replace("part", "drilled")).read_bytes().replace(b"'drilled'", b"'part'")
+        assert own == (tmp_path / "out" / name).read_bytes().replace(b"'drilled'", b"'part'")
+    told = run(tmp_path / "drilled.npz", "-o", tmp_path / "again").output
+    assert "features   1 hole\n" in told
 
 
 def test_a_mesh_of_few_triangles_is_a_solid(tmp_path):
