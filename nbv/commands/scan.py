@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,10 @@ from nbv.scanning.sensor_profile import load_profile
 from nbv.study.archive import RecordArchive, do_missing, part_of
 from nbv.study.bulk import KEPT, BulkScan, KeptScans, ScanTask, write_bulk_scan
 from scenes.checks import InputError
-from scenes.io.formats.format import all_return_suffixes, format_of
+from scenes.io.formats.format import all_return_suffixes
 from scenes.io.poses.trajectory import read_poses
 from scenes.io.rgbd.writer import check_no_other_frames
-from scenes.io.scan_files import split_index, write_scans
+from scenes.io.scan_files import split_index, write_scans, writer_for
 from scenes.pose import Pose
 from scenes.run.atomic import make_folder
 
@@ -113,12 +114,8 @@ def _suffix(run: Run, asked: ScanOptions, sensor: Sensor) -> str:
 
 def _check_target(out: Path, suffix: str, poses: Mapping[int, Pose]) -> None:
     """Raise InputError, before anything is scanned, where the scans could not be written in the end."""
-    known = format_of(suffix)
-    if out.suffix and len(poses) > 1 and known is not None and not known.several:
-        raise InputError(
-            f"{out}: holds one scan, not {len(poses)}; write an .e57 file or a folder, with --format "
-            f"{suffix[1:]} for one file a scan"
-        )
+    if out.suffix:
+        writer_for(out, len(poses))
     if not out.suffix and not suffix:
         check_no_other_frames(out, len(poses))
     others = sorted({file.name for file in out.glob(f"view-*{suffix}")} - {_name(k, suffix) for k in poses})
@@ -147,11 +144,12 @@ def _cases(
     )  # fmt: skip
     cases = []
     for number, pose in poses.items():
-        name = f"view-{number:04d}-{key[:8]}"
+        own = sha256(f"{key} {number}".encode()).hexdigest()
+        name = f"view-{number:04d}-{own[:8]}"
         file = run.path() if is_alone else folder / "scans" / f"{name}{KEPT if is_joined else suffix}"
         cases.append(
             BulkScan(
-                name=name, key=key, task=task, number=number if asked.poses else 0, seed=run.shared.seed,
+                name=name, key=own, task=task, number=number if asked.poses else 0, seed=run.shared.seed,
                 pose=tuple(map(tuple, pose.matrix.tolist())), file=file,
             )
         )  # fmt: skip
