@@ -11,6 +11,7 @@ scanner the mean of all light, which puts mixed pixels between the two depths.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -81,8 +82,9 @@ class Footprint:
         return np.asarray(self.exit_diameter_m + 2 * np.tan(self.divergence_rad / 2) * ranges)
 
 
+@cache
 def beam_pattern(n_rays: int = N_RAYS) -> FloatArray:
-    """Positions (n, 2) of the rays in a beam of radius 1, each for the same part of its area.
+    """Positions (n, 2), read-only, of the rays in a beam of radius 1, each for the same part of its area.
 
     They stand in rings of equal width, 4 in the innermost and 8 more in each next one, every second ring
     turned by half a step.
@@ -95,6 +97,7 @@ def beam_pattern(n_rays: int = N_RAYS) -> FloatArray:
         angles.append((np.arange(count) + (0.5 if k % 2 == 0 else 0.0)) * 2 * np.pi / count)
     angle = np.concatenate(angles)
     pattern: FloatArray = np.array(radii)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pattern.setflags(write=False)
     return pattern
 
 
@@ -107,9 +110,11 @@ def sub_rays(
     """
     pattern = beam_pattern(footprint.n_rays_cast)
     starts, along = np.empty((2, len(directions), len(pattern), 3))
-    turned = read_only_view(np.stack([np.cos(turns), np.sin(turns)], axis=1))
+    turned = np.empty((len(turns), 2))
+    np.cos(turns, out=turned[:, 0])
+    np.sin(turns, out=turned[:, 1])
     spread = footprint.exit_diameter_m / 2, np.tan(footprint.divergence_rad / 2)
-    _fill_rays(read_only_view(directions), turned, pattern, spread, starts, along)
+    _fill_rays(read_only_view(directions), read_only_view(turned), pattern, spread, starts, along)
     return starts.reshape(-1, 3), along.reshape(-1, 3)
 
 
@@ -145,7 +150,7 @@ def _fill_rays(
                 along[n, k, axis] = directions[n, axis] + spread[1] * offset
 
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB, ITU-R BT.709
+_LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,8 +206,17 @@ def reflectivity_of_colour(colour: NDArray[np.float32]) -> FloatArray:
     n_values = _distinct(read_only_view(colours.reshape(-1, 3)), values, place)
     encoded = np.clip(values[:n_values].astype(np.float64), 0.0, 1.0)
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    luminance: FloatArray = linear[place].reshape(colours.shape) @ _LUMINANCE
-    return luminance
+    luminance = np.empty(len(place))
+    _weigh(linear, read_only_view(place), _LUMINANCE, luminance)
+    return luminance.reshape(colours.shape[:-1])
+
+
+@compiled
+def _weigh(linear: FloatArray, place: IntArray, weights: tuple[float, ...], out: FloatArray) -> None:
+    """Write the weighted sum (n,) of the values of three channels, which stand at `place` (n, 3)."""
+    for n in range(len(out)):
+        first, second, third = linear[place[n, 0]], linear[place[n, 1]], linear[place[n, 2]]
+        out[n] = weights[0] * first + weights[1] * second + weights[2] * third
 
 
 @compiled
