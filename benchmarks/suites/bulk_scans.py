@@ -49,7 +49,7 @@ class BulkRun:
 
 
 def write_inputs(folder: Path, scene: str, n: int, megapixels: float) -> None:
-    """Write a sensor of so many pixels, and n poses in the middle half of the scene's box."""
+    """Write a sensor of so many pixels, and n poses about the middle of the scene's box."""
     like = load_sensor(SENSOR)
     rows, columns = like.projection.shape
     scale = np.sqrt(megapixels * 1e6 / (rows * columns))
@@ -58,7 +58,7 @@ def write_inputs(folder: Path, scene: str, n: int, megapixels: float) -> None:
     corners = open_scene(scene).mesh.vertices
     low, high = corners.min(axis=0), corners.max(axis=0)
     rng = np.random.default_rng(0)
-    places = low + (high - low) * rng.uniform(0.25, 0.75, (n, 3))
+    places = low + (high - low) * rng.uniform(0.45, 0.55, (n, 3))
     ways = rng.normal(size=(n, 2))
     looks = places + np.column_stack([ways, np.zeros(n)])
     write_poses(folder / "poses.txt", [Pose.looking_at(*pair) for pair in zip(places, looks, strict=True)])
