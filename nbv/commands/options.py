@@ -28,6 +28,7 @@ Axis = Literal["x", "y", "z"]
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 Units = Literal["mm", "cm", "m", "in", "ft", "us-ft"]
 Returns = Literal["first", "strongest", "last", "mean", "all"]
+ScanFormat = Literal["npz", "ply", "pcd", "ptx", "e57", "las", "laz", "xyz", "txt", "asc", "csv"]
 FEATURES = (
     "doorway", "window", "niche", "hole-row", "hole-grid", "bolt-circle", "junction", "elbow", "column",
     "stairs",
@@ -275,6 +276,15 @@ class ScanOptions:
         shown="as the sensor's footprint",
     )  # fmt: skip
     truth: bool = option("--no-truth", "Leave out the true surface of each pixel.", True, is_negated=True)
+    format: ScanFormat | None = option(
+        "--format", "With --poses, into a folder: one file of this format a scan.", None,
+        shown="RGB-D images of a camera, npz of a scanner",
+    )  # fmt: skip
+    part: str | None = option(
+        "--part", "With --poses: every Nth scan from the Ith; a run without it then finishes.", None,
+        metavar="I/N", shown=False,
+    )  # fmt: skip
+    scheduler: str | None = _scheduler()
     up: Axis | None = _up()
     units: Units = _units()
 
@@ -284,6 +294,10 @@ class ScanOptions:
             raise typer.BadParameter("give --at X,Y,Z and --look X,Y,Z, or --poses FILE")
         if self.poses is not None and (self.at is not None or self.look is not None):
             raise typer.BadParameter("--poses replaces --at and --look: leave both out")
+        several = {"--format": self.format, "--part": self.part, "--scheduler": self.scheduler}
+        for name, value in several.items():
+            if self.poses is None and value is not None:
+                raise typer.BadParameter(f"{name} is for several scans: give --poses FILE")
 
 
 def _scene_or_scans() -> Any:

@@ -69,7 +69,9 @@ def footprint_echoes(
         starts += origin
         hits, seen = world.cast(starts, along)
         rho = world.reflectivity(hits, intensity)
-        ranges, cosine = np.where(seen, hits.ranges, np.inf), hits.incidence_cosine
+        ranges, cosine = hits.ranges, hits.incidence_cosine
+        if world.partner is not None:
+            ranges = np.where(seen, ranges, np.inf)
         ranges, cosine, rho = (array.reshape(-1, n_rays) for array in (ranges, cosine, rho))
         merged = np.empty((4, len(ranges)))
         more = np.empty((5, ranges.size if which == ALL else 0))

@@ -107,7 +107,7 @@ def scan_scene(
         beam, more = instrument.receive_first(image, beam, more)
         echoes = Echoes(beam, more.distance, more.intensity, more.n_rays if truth else None)
     distance = image.distance
-    points = _displace_points(image, projection, effects, streams["pointing"])
+    points = _displace_points(image, projection, effects, streams["pointing"], n_threads)
     if points is not None:
         distance = np.where(np.isfinite(distance), np.linalg.norm(points, axis=-1), np.inf)
     if echoes is not None:
@@ -281,13 +281,19 @@ def _disturb(
 
 
 def _displace_points(
-    image: _Measured, projection: Projection, effects: Effects, rng: np.random.Generator
+    image: _Measured,
+    projection: Projection,
+    effects: Effects,
+    rng: np.random.Generator,
+    n_threads: int | None,
 ) -> FloatArray | None:
     """Return measured points (n, 3), sensor frame, that leave their rays; None where none do."""
     if effects.pointing is None:
         return None
     rays = projection.directions().reshape(-1, 3)
-    return effects.pointing.displace(image.distance, image.incidence, projection, rays, rng)
+    return effects.pointing.displace(
+        image.distance, image.incidence, projection, rays, rng, n_threads=n_threads
+    )
 
 
 def _freeze_image(array: Any, shape: tuple[int, ...]) -> Any:
