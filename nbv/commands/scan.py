@@ -133,24 +133,24 @@ def _name(number: int, suffix: str) -> str:
 def _cases(
     run: Run, asked: ScanOptions, poses: Mapping[int, Pose], *, suffix: str, key: str
 ) -> list[BulkScan]:
-    """The scans to take, and where each is kept until all are there; one alone is staged at once."""
-    is_joined = bool(run.out.suffix) or not suffix
-    is_alone = bool(run.out.suffix) and len(poses) == 1
+    """The scans to take, and where each is kept until all are there; without poses it is staged at once."""
+    is_joined = not suffix if run.is_folder else len(poses) > 1
     folder = run.progress_folder.resolve()
     task = ScanTask(
         scene=_absolute(asked.scene), sensor=_absolute(asked.sensor), content=key, up=asked.up,
         units=asked.units, noise=asked.noise, returns=asked.returns,
-        truth=asked.truth and (is_alone or not is_joined),
+        truth=asked.truth and not is_joined,
     )  # fmt: skip
     cases = []
     for number, pose in poses.items():
         own = sha256(f"{key} {number}".encode()).hexdigest()
         name = f"view-{number:04d}-{own[:8]}"
-        file = run.path() if is_alone else folder / "scans" / f"{name}{KEPT if is_joined else suffix}"
+        kept = folder / "scans" / f"{name}{KEPT if is_joined else suffix}"
         cases.append(
             BulkScan(
                 name=name, key=own, task=task, number=number if asked.poses else 0, seed=run.shared.seed,
-                pose=tuple(map(tuple, pose.matrix.tolist())), file=file,
+                pose=tuple(map(tuple, pose.matrix.tolist())),
+                file=kept if asked.poses else run.path(),
             )
         )  # fmt: skip
     return cases
@@ -165,7 +165,7 @@ def _take(
     run: Run, asked: ScanOptions, cases: Sequence[BulkScan], part: tuple[int, int] | None
 ) -> list[dict[str, Any]] | None:
     """Take all scans that are not there yet and return their records; of a part, say so and return None."""
-    if cases[0].file.parent == run.stage.folder:
+    if asked.poses is None:
         return [write_bulk_scan(cases[0], run.shared.threads)]
     archive = RecordArchive(run.progress_folder / "records")
     make_folder(cases[0].file.parent)
@@ -187,13 +187,12 @@ def _take(
 
 def _place(run: Run, cases: Sequence[BulkScan], suffix: str) -> None:
     """Stage what was taken: files as they are, or all scans joined, one after the other."""
-    if cases[0].file.parent == run.stage.folder:
+    files = [case.file for case in cases if case.number]
+    if files and files[0].name.endswith(KEPT):
+        write_scans(KeptScans(files), run.stage.folder if run.is_folder else run.path())
         return
-    if run.is_folder and suffix:
-        run.waiting.update({_name(case.number, suffix): case.file for case in cases})
-        return
-    kept = KeptScans([case.file for case in cases])
-    write_scans(kept, run.stage.folder if run.is_folder else run.path())
+    names = [_name(case.number, suffix) if run.is_folder else run.out.name for case in cases]
+    run.waiting.update(zip(names, files, strict=False))
 
 
 def _check_returns(out: Path, suffix: str, effects: Effects, returns: Returns | None) -> None:

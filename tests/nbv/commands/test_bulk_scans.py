@@ -223,3 +223,17 @@ def test_what_could_not_be_written_is_refused_before_anything_is_scanned(place, 
         refused = run("scan", SCENE, "--at", "0,0,1", "--look", "0,1,1", *more)
         assert refused.exit_code == 2
         assert "give --poses FILE" in refused.stderr
+
+
+def test_one_pose_of_a_file_gives_one_scan_with_truth(place):
+    """In parts as well, of which the second has nothing to do."""
+    poses = f"{place / 'poses.txt'}#2"
+    one = ("scan", SCENE, "--poses", poses, "--sensor", place / "camera.toml", "-o", place / "one.npz")
+    for part in ("1/2", "2/2"):
+        succeed(*one, "--part", part)
+        assert not (place / "one.npz").exists()
+    succeed(*one)
+    scan = read_scan(place / "one.npz")
+    assert scan.name == "view 2"
+    assert scan.truth is not None
+    assert not list(place.glob(".*"))
