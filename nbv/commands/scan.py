@@ -12,6 +12,7 @@ import numpy as np
 
 from nbv.commands.options import ScanOptions, Shared
 from nbv.commands.process import Run, start_run
+from nbv.commands.scan_along import run_scan_along
 from nbv.run.wording import count
 from nbv.run.workers import workers_of
 from nbv.scanning.beam import Returns
@@ -55,7 +56,10 @@ def poses_of(asked: ScanOptions) -> dict[int, Pose]:
 
 
 def run_scan(shared: Shared, asked: ScanOptions) -> None:
-    """Scan a scene from where the sensor stands and write the scans."""
+    """Scan a scene from where the sensor stands and write the scans; or along a track."""
+    if asked.trajectory is not None:
+        run_scan_along(shared, asked)
+        return
     default = Path("scan.npz")
     is_folder = asked.poses is not None and not (shared.out or default).suffix
     with start_run(

@@ -89,6 +89,14 @@ class Track:
         places = np.stack([np.interp(clock, self.times, axis) for axis in self.positions.T], axis=-1)
         return places, Slerp(self.times, Rotation.from_matrix(self.rotations))(clock).as_matrix()
 
+    def denser(self, step_s: float) -> Track:
+        """Return the same track with poses at most `step_s` apart, its own among them."""
+        parts = np.maximum(np.ceil(np.diff(self.times) / step_s).astype(np.int64), 1)
+        starts = [np.linspace(a, b, n, endpoint=False) for a, b, n in
+                  zip(self.times[:-1], self.times[1:], parts, strict=True)]  # fmt: skip
+        times = np.append(np.concatenate(starts), self.times[-1])
+        return Track(times, *self.at(times))
+
     def poses(self) -> list[Pose]:
         """Return the poses at its times."""
         parts = zip(self.rotations, self.positions, strict=True)
