@@ -58,7 +58,7 @@ class Track:
 
     @classmethod
     def of(cls, times: Sequence[float] | FloatArray, poses: Sequence[Pose]) -> Track:
-        """Return the track of poses `world_from_sensor` at times, seconds."""
+        """Return the track of n poses `world_from_sensor` at times (n,), seconds."""
         return cls(
             np.asarray(times, np.float64),
             np.array([pose.translation for pose in poses]),

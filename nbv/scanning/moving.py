@@ -95,7 +95,7 @@ def moving_scan(
     effects = with_returns(chosen_effects(sensor, noise), returns)
     track = track.denser(min(_STEP_S, 1 / rate))
     reported = errors.reported(track, np.random.default_rng(rng))
-    return MovingScan(sensor, effects, track, reported, rate, errors)
+    return MovingScan(sensor, effects, track, reported=reported, rate_hz=rate, errors=errors)
 
 
 def scan_turn(
@@ -115,9 +115,8 @@ def scan_turn(
     positions, rotations = scan.track.at(fired)
     middle = Pose.from_parts(rotations[columns // 2], positions[columns // 2])
     motion = ColumnPoses(positions, rotations) if turns else None
-    world = World(
-        scene, caster or scene.ray_caster(n_threads), middle, scan.sensor.partner, n_threads, motion
-    )
+    caster = caster or scene.ray_caster(n_threads)
+    world = World(scene, caster, middle, scan.sensor.partner, n_threads=n_threads, motion=motion)
     image = scan_world(world, scan.sensor, scan.effects, rng=rng.spawn(1)[0])
     clock = fired + scan.errors.clock_s
     if scan.errors.jitter_s:
