@@ -23,6 +23,11 @@ from .scanning.effects import Effects as Effects
 from .scanning.effects import PointingNoise as PointingNoise
 from .scanning.effects import Quantisation as Quantisation
 from .scanning.effects import named_effects as named_effects
+from .scanning.motion import Track as Track
+from .scanning.motion import TrackErrors as TrackErrors
+from .scanning.motion import read_track as read_track
+from .scanning.moving import moving_scan as moving_scan
+from .scanning.moving import scan_along as scan_along
 from .scanning.noise_models import NoiseModel as NoiseModel
 from .scanning.scanner import scan_scene as scan_scene
 from .scanning.sensor import PinholeSensor as PinholeSensor

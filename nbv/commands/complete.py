@@ -149,7 +149,6 @@ def _complete_scans(
             journal,
             seed=shared.seed,
             n_threads=shared.threads,
-            max_memory=shared.max_memory,
             progress=run.progress,
         )
     return complete(

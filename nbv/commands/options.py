@@ -19,7 +19,17 @@ from completion.fitting.shape import Metric, Shape
 from completion.observe.user_options import Mode, UserOptions
 from nbv.run.plan_options import PaceOptions, RequirementOptions, SearchOptions
 from nbv.visibility.site_options import SiteOptions
-from scenes.run.option import NOT_NEGATIVE, NumberRange, argument, choices, each, group, numbers, option
+from scenes.run.option import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    NumberRange,
+    argument,
+    choices,
+    each,
+    group,
+    numbers,
+    option,
+)
 
 if TYPE_CHECKING:
     from scenes.io.scan_request import ScanRequest
@@ -28,6 +38,7 @@ Axis = Literal["x", "y", "z"]
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 Units = Literal["mm", "cm", "m", "in", "ft", "us-ft"]
 Returns = Literal["first", "strongest", "last", "mean", "all"]
+ScanFormat = Literal["npz", "ply", "pcd", "ptx", "e57", "las", "laz", "xyz", "txt", "asc", "csv"]
 FEATURES = (
     "doorway", "window", "niche", "hole-row", "hole-grid", "bolt-circle", "junction", "elbow", "column",
     "stairs",
@@ -268,6 +279,25 @@ class ScanOptions:
         "--poses", "Instead of both: plan.json or a trajectory; several scans go to .e57 or a folder.", None,
         metavar="FILE[#k]", shown=False,
     )  # fmt: skip
+    trajectory: str | None = option(
+        "--trajectory", "Instead of all three: the track of a moving sensor; points with times go to .las, "
+        ".laz or .csv.", None, metavar="FILE", shown=False,
+    )  # fmt: skip
+    rate_hz: float | None = option(
+        "--rate", "With --trajectory: turns or images a second.", None, metavar="HZ", limits=POSITIVE,
+        shown="by the sensor's speed",
+    )  # fmt: skip
+    position_sd_m: float = option(
+        "--position-sd", "With --trajectory: deviation of the reported positions.", 0.0, metavar="M",
+        limits=NOT_NEGATIVE,
+    )  # fmt: skip
+    angle_sd_deg: float = option(
+        "--angle-sd", "With --trajectory: deviation of the reported angles.", 0.0, metavar="DEG",
+        limits=NOT_NEGATIVE,
+    )  # fmt: skip
+    clock_s: float = option(
+        "--clock", "With --trajectory: by how much the scanner's clock is ahead.", 0.0, metavar="S"
+    )
     sensor: str = _sensor()
     noise: str = _noise()
     returns: Returns | None = option(
@@ -275,15 +305,41 @@ class ScanOptions:
         shown="as the sensor's footprint",
     )  # fmt: skip
     truth: bool = option("--no-truth", "Leave out the true surface of each pixel.", True, is_negated=True)
+    format: ScanFormat | None = option(
+        "--format", "With --poses, into a folder: one file of this format a scan.", None,
+        shown="RGB-D images of a camera, npz of a scanner",
+    )  # fmt: skip
+    part: str | None = option(
+        "--part", "With --poses: every Nth scan from the Ith; a run without it then finishes.", None,
+        metavar="I/N", shown=False,
+    )  # fmt: skip
+    scheduler: str | None = _scheduler()
     up: Axis | None = _up()
     units: Units = _units()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
-        if self.poses is None and (self.at is None or self.look is None):
-            raise typer.BadParameter("give --at X,Y,Z and --look X,Y,Z, or --poses FILE")
+        if self.trajectory is not None:
+            if self.poses is not None or self.at is not None or self.look is not None:
+                raise typer.BadParameter("--trajectory replaces --poses, --at and --look: leave these out")
+        elif self.rate_hz is not None or any(self.track_errors().values()):
+            raise typer.BadParameter(
+                "--rate, --position-sd, --angle-sd and --clock are of a moving sensor: give --trajectory FILE"
+            )
+        elif self.poses is None and (self.at is None or self.look is None):
+            raise typer.BadParameter(
+                "give --at X,Y,Z and --look X,Y,Z, or --poses FILE, or --trajectory FILE"
+            )
         if self.poses is not None and (self.at is not None or self.look is not None):
             raise typer.BadParameter("--poses replaces --at and --look: leave both out")
+        several = {"--format": self.format, "--part": self.part, "--scheduler": self.scheduler}
+        for name, value in several.items():
+            if self.poses is None and value is not None:
+                raise typer.BadParameter(f"{name} is for several scans: give --poses FILE")
+
+    def track_errors(self) -> dict[str, float]:
+        """Return what is wrong with the track of a moving sensor."""
+        return {name: getattr(self, name) for name in ("position_sd_m", "angle_sd_deg", "clock_s")}
 
 
 def _scene_or_scans() -> Any:

@@ -35,7 +35,8 @@ class Run:
     """One run of a command, whose outputs wait in `stage` until all are written, and appear at its end.
 
     `inputs` are what `read` has hashed, `kept` outputs that are in the folder already, by their names there,
-    `costs` times and memory of parts, for the manifest.
+    `waiting` whole ones elsewhere on its disk, which move there with those of `stage`, `costs` times and
+    memory of parts, for the manifest.
     """
 
     command: str
@@ -47,6 +48,7 @@ class Run:
     stage: Stage
     inputs: Inputs
     kept: dict[str, Path] = field(default_factory=dict)
+    waiting: dict[str, Path] = field(default_factory=dict)
     costs: dict[str, Any] = field(default_factory=dict)
 
     def path(self, name: str = "") -> Path:
@@ -69,8 +71,16 @@ class Run:
         """Return what remembers the steps of a run made of the same that was killed; `keep` ends it."""
         from scenes.run.journal import FileJournal
 
-        key = self.inputs.key({"command": self.command, **options}, self.shared.seed)
-        return FileJournal(self.out / _JOURNAL, key)
+        return FileJournal(self.progress_folder, self.key(options))
+
+    def key(self, options: Mapping[str, Any]) -> str:
+        """Return what the run is made of: the SHA-256 of command, versions, inputs, options and seed."""
+        return self.inputs.key({"command": self.command, **options}, self.shared.seed)
+
+    @property
+    def progress_folder(self) -> Path:
+        """Folder, in that of the outputs, of what a killed run goes on from; `keep` removes it."""
+        return _progress_folder(self.out, is_folder=self.is_folder)
 
     def report(self, page: Page, options: Mapping[str, Any]) -> None:
         """Write the report, which names options, seed, and the inputs with their SHA-256."""
@@ -88,7 +98,7 @@ class Run:
 
         manifest = manifest_path(self.out, is_folder=self.is_folder).name
         staged = {file.as_posix(): self.stage.folder / file for file in self.stage.files()}
-        outputs = {**self.kept, **staged}
+        outputs = {**self.kept, **self.waiting, **staged}
         write_manifest(
             self.stage.path(manifest),
             command=self.command,
@@ -99,9 +109,10 @@ class Run:
             outputs=outputs,
             times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
         )
+        for name, file in self.waiting.items():
+            file.replace(self.path(name))
         self.stage.commit(last=manifest)
-        if self.is_folder:
-            rmtree(self.out / _JOURNAL, ignore_errors=True)
+        rmtree(self.progress_folder, ignore_errors=True)
         return [self.stage.target / name for name in [*outputs, manifest]]
 
     def warn(self, warnings: Iterable[str]) -> None:
@@ -161,8 +172,8 @@ def start_run(
                 inputs=Inputs(),
             )
     except (InputError, OSError) as error:
-        if is_folder:
-            _remove_traces(shared.out or Path(default), is_new=is_new)
+        if writes:
+            _remove_traces(shared.out or Path(default), is_folder=is_folder, is_new=is_new)
         _fail(command, str(error))
     except MemoryError:
         _fail(command, _NOT_ENOUGH)
@@ -214,13 +225,18 @@ def _make_folder(out: Path, *, is_folder: bool) -> Path:
     return out
 
 
-def _remove_traces(out: Path, *, is_new: bool) -> None:
+def _progress_folder(out: Path, *, is_folder: bool) -> Path:
+    return out / _JOURNAL if is_folder else out.with_name(f".{out.name}{_JOURNAL}")
+
+
+def _remove_traces(out: Path, *, is_folder: bool, is_new: bool) -> None:
     """Remove a journal without a step, and the folder that this run made if nothing is in it."""
     from scenes.run.journal import is_blank
 
-    if is_blank(out / _JOURNAL):
-        rmtree(out / _JOURNAL, ignore_errors=True)
-    if is_new:
+    journal = _progress_folder(out, is_folder=is_folder)
+    if is_blank(journal):
+        rmtree(journal, ignore_errors=True)
+    if is_folder and is_new:
         with suppress(OSError):  # not empty, or never made
             out.rmdir()
 

@@ -16,7 +16,8 @@ from nbv.run.wording import count, percent
 from nbv.run.workers import workers_of
 from nbv.scanning.sensor import missing_errors
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.study.parts import part_of, run_part
+from nbv.study.archive import part_of
+from nbv.study.parts import run_part
 from nbv.study.pipeline import (
     Columns,
     Outcome,
@@ -96,7 +97,9 @@ def _run_part(
         f"part {number} of {of}: {count(done, 'case')} of {every} are there; run the study without --part "
         "when all parts are, for its tables and report"
     ]
-    run.finish(_options(spec), {"part": list(part), "cases": done, "cases_of_all_parts": every}, lines)
+    run.say(
+        {"part": list(part), "cases": done, "cases_of_all_parts": every}, lines
+    )  # side by side with others
 
 
 def _run_scans(run: Run, spec: ScanStudySpec, asked: StudyOptions) -> None:

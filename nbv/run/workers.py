@@ -20,6 +20,7 @@ from uuid import uuid4
 from nbv.run.manifest import versions
 from scenes.checks import InputError
 from scenes.io.checks.limits import current_limits, limits
+from scenes.run.memory import memory_limit, planned_bytes
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -138,7 +139,7 @@ class DaskWorkers:
         """
         distributed = _import_distributed()
         lost = _lost(distributed)
-        held = current_limits().non_defaults()
+        held = _Bounds.here()
         futures = {
             self.client.submit(
                 _on_worker, work, item, self._n_threads, held, key=f"unseen-{key}", retries=_DEATHS, pure=True
@@ -230,7 +231,7 @@ class _WorkerTasks:
         for address, n_threads in there.items():
             if address not in self._tasks:
                 share = WorkerShare(self._n_given, self._n_threads or n_threads)
-                held = current_limits().non_defaults()
+                held = _Bounds.here()
                 key = f"unseen-{self._name}-{share.number}"
                 task = self._client.submit(
                     _share_on_worker, self._work, share, held, key=key, workers=[address], pure=False
@@ -249,22 +250,32 @@ class _WorkerTasks:
         return bool(ended)
 
 
-def _share_on_worker(work: Callable[[WorkerShare], str], share: WorkerShare, held: Mapping[str, int]) -> str:
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """Limits in force where work is given out, which hold for each worker that does it."""
+
+    reading: Mapping[str, int]
+    memory: int | None
+
+    @classmethod
+    def here(cls) -> _Bounds:
+        return cls(current_limits().non_defaults(), planned_bytes())
+
+
+def _share_on_worker(work: Callable[[WorkerShare], str], share: WorkerShare, held: _Bounds) -> str:
     """Do a worker's share under the limits in force here; errors of the input are told, not raised."""
-    with limits(**held):
+    with limits(**held.reading), memory_limit(held.memory):
         try:
             return work(share)
         except InputError as error:
             return str(error)
 
 
-def _on_worker(
-    work: Work[Item, Result], item: Item, n_threads: int | None, held: Mapping[str, int]
-) -> Result:
+def _on_worker(work: Work[Item, Result], item: Item, n_threads: int | None, held: _Bounds) -> Result:
     """Do a piece of work on a worker, with its share of the machine's cores and the limits in force here."""
     if n_threads is None:
         n_threads = max(1, (os.cpu_count() or 1) // _worker_threads())
-    with limits(**held):
+    with limits(**held.reading), memory_limit(held.memory):
         return work(item, n_threads)
 
 

@@ -11,12 +11,13 @@ scanner the mean of all light, which puts mixed pixels between the two depths.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray, check_options, read_only_view
+from scenes.checks import BoolArray, FloatArray, InputError, check_options, read_only_view
 from texture.engine.compiled import compiled
 
 Returns = Literal["first", "strongest", "last", "mean", "all"]
@@ -81,8 +82,9 @@ class Footprint:
         return np.asarray(self.exit_diameter_m + 2 * np.tan(self.divergence_rad / 2) * ranges)
 
 
+@cache
 def beam_pattern(n_rays: int = N_RAYS) -> FloatArray:
-    """Positions (n, 2) of the rays in a beam of radius 1, each for the same part of its area.
+    """Positions (n, 2), read-only, of the rays in a beam of radius 1, each for the same part of its area.
 
     They stand in rings of equal width, 4 in the innermost and 8 more in each next one, every second ring
     turned by half a step.
@@ -95,6 +97,7 @@ def beam_pattern(n_rays: int = N_RAYS) -> FloatArray:
         angles.append((np.arange(count) + (0.5 if k % 2 == 0 else 0.0)) * 2 * np.pi / count)
     angle = np.concatenate(angles)
     pattern: FloatArray = np.array(radii)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pattern.setflags(write=False)
     return pattern
 
 
@@ -107,9 +110,11 @@ def sub_rays(
     """
     pattern = beam_pattern(footprint.n_rays_cast)
     starts, along = np.empty((2, len(directions), len(pattern), 3))
-    turned = read_only_view(np.stack([np.cos(turns), np.sin(turns)], axis=1))
+    turned = np.empty((len(turns), 2))
+    np.cos(turns, out=turned[:, 0])
+    np.sin(turns, out=turned[:, 1])
     spread = footprint.exit_diameter_m / 2, np.tan(footprint.divergence_rad / 2)
-    _fill_rays(read_only_view(directions), turned, pattern, spread, starts, along)
+    _fill_rays(read_only_view(directions), read_only_view(turned), pattern, spread, starts, along)
     return starts.reshape(-1, 3), along.reshape(-1, 3)
 
 
@@ -145,7 +150,8 @@ def _fill_rays(
                 along[n, k, axis] = directions[n, axis] + spread[1] * offset
 
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB, ITU-R BT.709
+_LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
+_STEPS = 8192  # of sRGB values, between which straight lines are right to 4e-8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,32 +201,42 @@ class Intensity:
 
 
 def reflectivity_of_colour(colour: NDArray[np.float32]) -> FloatArray:
-    """Luminance of sRGB colours (..., 3) in 0..1: the share of light that a matt surface scatters."""
+    """Luminance of sRGB colours (..., 3) in 0..1, to 4e-8: the light that a matt surface scatters."""
     colours = np.ascontiguousarray(colour, np.float32)
-    values, place = np.empty(colours.size, np.float32), np.empty((colours.size // 3, 3), np.int64)
-    n_values = _distinct(read_only_view(colours.reshape(-1, 3)), values, place)
-    encoded = np.clip(values[:n_values].astype(np.float64), 0.0, 1.0)
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    luminance: FloatArray = linear[place].reshape(colours.shape) @ _LUMINANCE
+    luminance = np.empty(colours.shape[:-1])
+    _luminances(read_only_view(colours.reshape(-1, 3)), _linear_values(), _LUMINANCE, luminance.reshape(-1))
     return luminance
 
 
-@compiled
-def _distinct(colour: NDArray[np.float32], values: NDArray[np.float32], place: IntArray) -> int:
-    """Write the values of each channel (n, 3) that differ from the one before, and where each stands.
+@cache
+def _linear_values() -> FloatArray:
+    """Linear values of sRGB values from 0 to 1 in equal steps, one more than steps: powers take long."""
+    encoded = np.linspace(0.0, 1.0, _STEPS + 1)
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return read_only_view(linear)
 
-    Return how many they are: neighbours often have the same colour, and powers of it take long.
-    """
-    n_values = 0
+
+@compiled
+def _luminances(
+    colour: NDArray[np.float32], linear: FloatArray, weights: tuple[float, ...], luminance: FloatArray
+) -> None:
+    """Write the luminance (n,) of colours (n, 3) by straight lines between the linear values."""
+    steps = len(linear) - 1
     for n in range(len(colour)):
+        if n > 0:  # neighbours often have the same colour
+            same = colour[n, 0] == colour[n - 1, 0]
+            same &= colour[n, 1] == colour[n - 1, 1]
+            if same & (colour[n, 2] == colour[n - 1, 2]):
+                luminance[n] = luminance[n - 1]
+                continue
+        total = 0.0
         for channel in range(3):
-            if n == 0 or colour[n, channel] != colour[n - 1, channel]:
-                values[n_values] = colour[n, channel]
-                place[n, channel] = n_values
-                n_values += 1
-            else:
-                place[n, channel] = place[n - 1, channel]
-    return n_values
+            value = colour[n, channel]
+            place = (value if value < 1 else 1.0) * steps if value > 0 else 0.0
+            below = min(int(place), steps - 1)
+            step = linear[below + 1] - linear[below]
+            total += weights[channel] * (linear[below] + (place - below) * step)
+        luminance[n] = total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,9 +46,13 @@ class Echo:
 
 
 def footprint_echoes(
-    world: World, directions: FloatArray, footprint: Footprint, intensity: Intensity, rng: np.random.Generator
+    world: World,
+    beams: tuple[FloatArray, FloatArray],
+    footprint: Footprint,
+    intensity: Intensity,
+    rng: np.random.Generator,
 ) -> tuple[Echo, IntArray, Echo]:
-    """Return the echoes of beams along unit `directions` (n, 3), world frame, from the world's sensor.
+    """Return the echoes of beams: their origins (n, 3) or (1, 3) and unit directions (n, 3), world frame.
 
     One uniform number is drawn for every beam: how its pattern of rays is turned.
 
@@ -58,7 +62,7 @@ def footprint_echoes(
         The echo that is reported of each beam, the first where all are; the beams that the further ones of
         these belong to, ascending; and these, near to far within a beam.
     """
-    origin, which = world.world_from_sensor.translation, get_args(Returns).index(footprint.returns)
+    (origins, directions), which = beams, get_args(Returns).index(footprint.returns)
     n, n_rays = len(directions), footprint.n_rays_cast
     out, turns = np.empty((4, n)), 2 * np.pi * rng.random(n)
     chunk = max(_RAYS // n_rays, 1)
@@ -66,10 +70,12 @@ def footprint_echoes(
 
     def look(part: slice) -> None:
         starts, along = sub_rays(directions[part], footprint, turns[part])
-        starts += origin
+        starts += origins if len(origins) == 1 else np.repeat(origins[part], n_rays, axis=0)
         hits, seen = world.cast(starts, along)
         rho = world.reflectivity(hits, intensity)
-        ranges, cosine = np.where(seen, hits.ranges, np.inf), hits.incidence_cosine
+        ranges, cosine = hits.ranges, hits.incidence_cosine
+        if world.partner is not None:
+            ranges = np.where(seen, ranges, np.inf)
         ranges, cosine, rho = (array.reshape(-1, n_rays) for array in (ranges, cosine, rho))
         merged = np.empty((4, len(ranges)))
         more = np.empty((5, ranges.size if which == ALL else 0))

@@ -73,6 +73,8 @@ class PointingNoise:
         projection: Projection,
         rays: FloatArray,
         rng: np.random.Generator,
+        *,
+        n_threads: int | None = None,
     ) -> FloatArray:
         """Return measured points (rows, columns, 3) in the sensor frame, NaN where nothing came back.
 
@@ -88,23 +90,46 @@ class PointingNoise:
             Its unit rays.
         rng : Generator
             Two normal numbers are drawn for every pixel, whatever came back.
+        n_threads : int, optional
+            Points do not depend on it.
         """
-        came_back = np.isfinite(distance)
-        sigma = self.sigma_rad(np.where(came_back, incidence, 0.0), projection.pixel_angle)
-        right, down = rng.standard_normal((2, *distance.shape)) * sigma
-        reach = np.where(came_back, distance, np.nan)
-        if projection.kind == "pinhole":
-            depth = reach * rays[..., 2]
-            slope = rays[..., :2] / rays[..., 2:]
-            flat = [slope[..., 0] + right, slope[..., 1] + down, np.ones_like(depth)]
-            return np.asarray(depth[..., None] * np.stack(flat, axis=-1), dtype=np.float64)
-        azimuth = np.arctan2(rays[..., 0], rays[..., 2]) + right
-        elevation = np.arcsin(np.clip(-rays[..., 1], -1.0, 1.0)) - down
-        across = np.cos(elevation)
-        turned = np.stack([across * np.sin(azimuth), -np.sin(elevation), across * np.cos(azimuth)], axis=-1)
-        return np.asarray(reach[..., None] * turned, dtype=np.float64)
+        right, down = rng.standard_normal((2, distance.size))
+        reach, theta, along = distance.reshape(-1), incidence.reshape(-1), rays.reshape(-1, 3)
+        points = np.empty((distance.size, 3))
+        turn = _shift_in_image if projection.kind == "pinhole" else _turn_about
+
+        def move(part: slice) -> None:
+            came_back = np.isfinite(reach[part])
+            sigma = self.sigma_rad(np.where(came_back, theta[part], 0.0), projection.pixel_angle)
+            measured = np.where(came_back, reach[part], np.nan)
+            turn(measured, along[part], right[part] * sigma, down[part] * sigma, points[part])
+
+        in_blocks(distance.size, move, n_threads)
+        return points.reshape(*distance.shape, 3)
 
     displaced = displace  # earlier name
+
+
+def _shift_in_image(
+    reach: FloatArray, rays: FloatArray, right: FloatArray, down: FloatArray, points: FloatArray
+) -> None:
+    """Write points (n, 3) of rays that are shifted by slopes, at the depth of the range."""
+    depth = reach * rays[:, 2]
+    points[:, 0] = depth * (rays[:, 0] / rays[:, 2] + right)
+    points[:, 1] = depth * (rays[:, 1] / rays[:, 2] + down)
+    points[:, 2] = depth
+
+
+def _turn_about(
+    reach: FloatArray, rays: FloatArray, right: FloatArray, down: FloatArray, points: FloatArray
+) -> None:
+    """Write points (n, 3) of rays that are turned by angles in radians, at the same range."""
+    azimuth = np.arctan2(rays[:, 0], rays[:, 2]) + right
+    elevation = np.arcsin(np.clip(-rays[:, 1], -1.0, 1.0)) - down
+    across = reach * np.cos(elevation)
+    points[:, 0] = across * np.sin(azimuth)
+    points[:, 1] = -reach * np.sin(elevation)
+    points[:, 2] = across * np.cos(azimuth)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

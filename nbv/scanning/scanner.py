@@ -92,11 +92,23 @@ def scan_scene(
     pose, sensor = _resolve_view(view, sensor)
     if effects is not None and noise != "none":
         raise InputError(f"give noise or effects, not both; noise is {noise!r}")
-    effects = _with_returns(effects or chosen_effects(sensor, noise), returns)
-    streams = stage_streams(rng, _DRAWING)
-    projection = sensor.projection
+    effects = with_returns(effects or chosen_effects(sensor, noise), returns)
     world = World(scene, caster or scene.ray_caster(n_threads), pose, sensor.partner, n_threads)
+    return scan_world(world, sensor, effects, truth=truth, rng=rng, name=name)
 
+
+def scan_world(
+    world: World,
+    sensor: Sensor,
+    effects: Effects,
+    *,
+    truth: bool = True,
+    rng: np.random.Generator | int | None = None,
+    name: str = "scan",
+) -> RangeImage:
+    """Scan a world, as `scan_scene` does; of a sensor that moves, ranges are those of its columns' poses."""
+    streams = stage_streams(rng, _DRAWING)
+    projection, n_threads = sensor.projection, world.n_threads
     sight = world.sight(projection.ray_grid())
     echo, beam, further = _echoes(world, projection, sight, effects, streams["footprint"])
     instrument = _Instrument(sensor, effects, n_threads)
@@ -107,7 +119,7 @@ def scan_scene(
         beam, more = instrument.receive_first(image, beam, more)
         echoes = Echoes(beam, more.distance, more.intensity, more.n_rays if truth else None)
     distance = image.distance
-    points = _displace_points(image, projection, effects, streams["pointing"])
+    points = _displace_points(image, projection, effects, streams["pointing"], n_threads)
     if points is not None:
         distance = np.where(np.isfinite(distance), np.linalg.norm(points, axis=-1), np.inf)
     if echoes is not None:
@@ -118,7 +130,7 @@ def scan_scene(
     return RangeImage(
         np.where(gated, distance, np.inf).reshape(shape),
         projection,
-        pose,
+        world.world_from_sensor,
         colour=_freeze_image(sight.colour, (*shape, 3)),
         sensor_points=None if points is None else _freeze_image(points, (*shape, 3)),
         sigma_m=_rms(image.variance, gated, effects),
@@ -131,7 +143,7 @@ def scan_scene(
     )
 
 
-def _with_returns(effects: Effects, returns: Returns | None) -> Effects:
+def with_returns(effects: Effects, returns: Returns | None) -> Effects:
     """Return the effects with a footprint that reports these returns, where they are asked for."""
     if returns is None:
         return effects
@@ -163,9 +175,8 @@ def _echoes(
     """Return what comes back, as `footprint_echoes` does: from the whole footprint, or along middle rays."""
     light = effects.intensity or Intensity()
     if effects.footprint is not None:
-        rotation = world.world_from_sensor.rotation
-        directions = projection.ray_grid().directions(rotation, world.n_threads).reshape(-1, 3)
-        return footprint_echoes(world, directions, effects.footprint, light, rng)
+        origins, directions = world.beams(projection.ray_grid(), world.n_threads)
+        return footprint_echoes(world, (origins, directions.reshape(-1, 3)), effects.footprint, light, rng)
     reflectivity = light.reflectivity_of(sight.colour) if effects.use_reflectivity else 1.0
     ranges = sight.ranges if world.partner is None else np.where(sight.seen, sight.ranges, np.inf)
     echo = Echo(ranges, sight.cosine, sight.incidence, reflectivity, sight.seen.view(np.uint8))
@@ -281,13 +292,19 @@ def _disturb(
 
 
 def _displace_points(
-    image: _Measured, projection: Projection, effects: Effects, rng: np.random.Generator
+    image: _Measured,
+    projection: Projection,
+    effects: Effects,
+    rng: np.random.Generator,
+    n_threads: int | None,
 ) -> FloatArray | None:
     """Return measured points (n, 3), sensor frame, that leave their rays; None where none do."""
     if effects.pointing is None:
         return None
     rays = projection.directions().reshape(-1, 3)
-    return effects.pointing.displace(image.distance, image.incidence, projection, rays, rng)
+    return effects.pointing.displace(
+        image.distance, image.incidence, projection, rays, rng, n_threads=n_threads
+    )
 
 
 def _freeze_image(array: Any, shape: tuple[int, ...]) -> Any:

@@ -44,8 +44,19 @@ class CentreHits:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ColumnPoses:
+    """Where a sensor that moves is while it scans each of m columns.
+
+    `positions` (m, 3), metres, and `rotations` (m, 3, 3), world from sensor.
+    """
+
+    positions: FloatArray
+    rotations: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A scene and its prepared mesh, for rays from the pose of a sensor.
+    """A scene and its prepared mesh, for rays from the pose of a sensor, or the poses of its columns.
 
     `partner` is the second device of a triangulation; what is not cast is done on all cores when `n_threads`
     is None.
@@ -56,6 +67,20 @@ class World:
     world_from_sensor: Pose
     partner: Partner | None = None
     n_threads: int | None = None
+    motion: ColumnPoses | None = None
+
+    def beams(self, rays: RayGrid, n_threads: int | None) -> tuple[FloatArray, FloatArray]:
+        """Return origins and unit directions of the rays of an image: (1, 3) and (rows, columns, 3).
+
+        Of a sensor that moves both are (n, 3), pixel by pixel.
+        """
+        if self.motion is None:
+            turned = rays.directions(self.world_from_sensor.rotation, n_threads)
+            return self.world_from_sensor.translation[None], turned
+        local = rays.directions(np.eye(3), n_threads)
+        turned = np.einsum("cij,rcj->rci", self.motion.rotations, local)
+        origins = np.broadcast_to(self.motion.positions, turned.shape)
+        return np.ascontiguousarray(origins).reshape(-1, 3), np.ascontiguousarray(turned).reshape(-1, 3)
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> tuple[Hits, BoolArray]:
         """Return the first hits (n,) of world rays, and which of them the second device sees too.
@@ -106,7 +131,6 @@ class World:
         """
         rows, columns = len(rays.scale), len(rays.right)
         n, face_surface = rows * columns, self.scene.mesh.face_surface
-        origin, rotation = self.world_from_sensor.translation[None], self.world_from_sensor.rotation
         ranges, cosine, incidence = (np.empty(n) for _ in range(3))
         face, surface = np.empty(n, np.int32), np.empty(n, np.int32)
         seen, colour = np.empty(n, np.bool_), np.empty((n, 3), np.float32)
@@ -115,7 +139,7 @@ class World:
         def look(bands: slice) -> None:
             band = slice(bands.start * height, min(bands.stop * height, rows))
             part = slice(band.start * columns, band.stop * columns)
-            hits, seen[part] = self.cast(origin, rays.of_rows(band).directions(rotation, 1))
+            hits, seen[part] = self.cast(*self.beams(rays.of_rows(band), 1))
             missed = ~hits.hit
             ranges[part], cosine[part], face[part] = hits.ranges, hits.incidence_cosine, hits.face
             colour[part] = self.colour(hits)

@@ -33,7 +33,6 @@ from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import make_folder, write_json
 from scenes.run.journal import FileJournal
 from scenes.run.mapping import mapped_in
-from scenes.run.memory import memory_limit
 
 _CLAIMS = "claims"
 _STAGE = "stage.json"  # among them
@@ -241,8 +240,6 @@ class CompletionTask:
         Of the textures.
     journal, key : str
         The journal's folder, absolute, and what it is made of.
-    max_memory : int, optional
-        Bytes of each worker.
     scratch : str, optional
         Where workers keep large arrays; None for their own folder of temporary files.
     """
@@ -253,7 +250,6 @@ class CompletionTask:
     seed: int
     journal: str
     key: str
-    max_memory: int | None = None
     scratch: str | None = None
 
     def work(self, share: WorkerShare) -> str:
@@ -263,7 +259,6 @@ class CompletionTask:
         journal = SharedJournal(folder, self.key, claims)
         self._check_sizes()
         with ExitStack() as held:
-            held.enter_context(memory_limit(self.max_memory))
             held.enter_context(claims.keep_alive())
             if self.scratch is not None:
                 held.enter_context(mapped_in(Path(self.scratch)))
@@ -302,7 +297,6 @@ def complete_by_workers(
     *,
     seed: int = 0,
     n_threads: int | None = None,
-    max_memory: int | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Have workers do the steps of a completion; `complete` then finds all of them in the journal.
@@ -321,8 +315,6 @@ def complete_by_workers(
         Of the textures.
     n_threads : int, optional
         Threads of each worker; those that dask gives it when not given.
-    max_memory : int, optional
-        Bytes that each worker plans for.
     progress : callable, optional
         Called with a stage's name, steps done by all and steps in all.
 
@@ -341,7 +333,6 @@ def complete_by_workers(
         seed=seed,
         journal=str(folder),
         key=journal.key,
-        max_memory=max_memory,
         scratch=str(folder) if scheduler.startswith("local:") else None,
     )
 

@@ -1,34 +1,30 @@
 # SPDX-License-Identifier: MIT
-"""Cases: the plans of a study, named by what they are made of, how each is planned, and where it is kept."""
+"""Cases: the plans of a study, named by what they are made of, and how each is planned."""
 
 from __future__ import annotations
 
 import hashlib
 import re
 import time
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
 from nbv.plan.planning import plan_views
 from nbv.run.manifest import sha256_of, versions
-from nbv.run.workers import Work, Workers
 from nbv.scanning.sensor import Sensor, chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
 from nbv.visibility.candidates import Standing, find_standing, restrict_to_rooms, samples_that_count
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.visibility import Progress
 from scenes.checks import InputError
-from scenes.io.checks.documents import read_json
 from scenes.io.scene_files import open_scene
-from scenes.run.atomic import json_text, make_folder, write_json
+from scenes.run.atomic import json_text
 from scenes.world.scene import Scene
 
 _SLUG = re.compile(r"[^a-z0-9]+")
@@ -202,89 +198,3 @@ def _plan_case(case: Case, n_threads: int | None) -> Any:
         rng=case.seed,
         n_threads=n_threads,
     )
-
-
-class StudyCase(Protocol):
-    """A piece of a study: its name in files, and the hash of all that its result depends on."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def key(self) -> str: ...  # noqa: D102
-
-
-class PlanArchive:
-    """Records of a study's cases in a folder, which is made where it is not there.
-
-    Parameters
-    ----------
-    folder : Path
-        Where they are.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be made.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = make_folder(folder)
-
-    def path(self, case: StudyCase) -> Path:
-        """Return where the record of a case is, or will be."""
-        return self.folder / f"{case.name}.json"
-
-    def holds(self, case: StudyCase) -> bool:
-        """Tell whether the complete record of this very case is there."""
-        try:
-            self.read(case)
-        except InputError:
-            return False
-        return True
-
-    def keep(self, case: StudyCase, record: Mapping[str, Any]) -> None:
-        """Write the record of a case, whole or not at all, without its times: they differ from run to run."""
-        write_json(self.path(case), {name: value for name, value in record.items() if name != "times"})
-
-    def read(self, case: StudyCase) -> dict[str, Any]:
-        """Return the record of a case.
-
-        Raises
-        ------
-        InputError
-            None there, damaged, or made of something else.
-        """
-        file = self.path(case)
-        record = read_json(file, dict)
-        if record.get("key") != case.key:
-            raise InputError(f"{file}: is not of this case: it was made of something else")
-        return record
-
-
-def do_missing(
-    cases: Sequence[Any],
-    archive: PlanArchive,
-    work: Work[Any, dict[str, Any]],
-    *,
-    workers: Workers,
-    progress: Progress | None = None,
-) -> dict[str, Mapping[str, float]]:
-    """Do the cases whose records are not there; return the times of what was done, by name.
-
-    Records are kept as they come, so that a run that dies loses what was in work alone. `progress` is called
-    with ("cases", done, total).
-    """
-    missing = [case for case in cases if not archive.holds(case)]
-    done, times = len(cases) - len(missing), dict[str, Mapping[str, float]]()
-
-    def tell() -> None:
-        if progress is not None:
-            progress("cases", done, len(cases))
-
-    tell()
-    for number, record in workers.each(work, missing, [case.key for case in missing]):
-        archive.keep(missing[number], record)
-        times[missing[number].name] = record.get("times", {})
-        done += 1
-        tell()
-    return times

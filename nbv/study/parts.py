@@ -7,37 +7,16 @@ part then finds all records there, and writes the tables.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from nbv.run.workers import ThisProcess, Work, Workers
-from nbv.study.case import PlanArchive, cases_of, do_missing, run_case
-from nbv.study.scans import ScanArchive, run_completion, run_scan, sets_of
+from nbv.study.archive import RecordArchive, do_missing
+from nbv.study.case import cases_of, run_case
+from nbv.study.scans import run_completion, run_scan, sets_of
 from nbv.study.spec import ScanStudySpec, StudySpec
 from nbv.visibility.visibility import Progress
-from scenes.checks import InputError
-
-
-def part_of(text: str) -> tuple[int, int]:
-    """Return the number of a part, from 1, and how many there are, of a text like "2/8".
-
-    Raises
-    ------
-    InputError
-        Another text, or a part that is not one of them.
-
-    Examples
-    --------
-    >>> part_of("2/8")
-    (2, 8)
-    """
-    found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-    number, of = (int(found[1]), int(found[2])) if found else (0, 0)
-    if not 1 <= number <= of:
-        raise InputError(f"--part {text}: give a part and how many there are, as 2/8; parts count from 1")
-    return number, of
 
 
 def run_part(
@@ -78,11 +57,11 @@ def run_part(
 
 def _stages(
     spec: StudySpec | ScanStudySpec, folder: Path, first_seed: int
-) -> list[tuple[Sequence[Any], PlanArchive, Work[Any, dict[str, Any]]]]:
+) -> list[tuple[Sequence[Any], RecordArchive, Work[Any, dict[str, Any]]]]:
     """Cases, where their records are, and what is done of each."""
     if isinstance(spec, StudySpec):
-        return [(cases_of(spec, first_seed), PlanArchive(folder / "plans"), run_case)]
-    sets, archive = sets_of(spec, folder / "scans", first_seed), ScanArchive(folder / "records")
+        return [(cases_of(spec, first_seed), RecordArchive(folder / "plans"), run_case)]
+    sets, archive = sets_of(spec, folder / "scans", first_seed), RecordArchive(folder / "records")
     scans = [case for one in sets for case in one.scans]
     completed = [(sets, archive, run_completion)] if spec.complete else []
     return [(scans, archive, run_scan), *completed]

@@ -18,7 +18,8 @@ from typing import Any, Literal
 import numpy as np
 
 from nbv.run.workers import ThisProcess, Workers
-from nbv.study.case import Case, PlanArchive, cases_of, do_missing, run_case
+from nbv.study.archive import RecordArchive, do_missing
+from nbv.study.case import Case, cases_of, run_case
 from nbv.study.spec import StudySpec
 from nbv.visibility.visibility import Progress
 from scenes.checks import FloatArray, InputError
@@ -255,7 +256,7 @@ def run_study(
         A scene or sensor that cannot be used; nothing has been planned then. A single case that cannot be
         planned has an outcome that says why.
     """
-    cases, archive = cases_of(spec, first_seed), PlanArchive(folder)
+    cases, archive = cases_of(spec, first_seed), RecordArchive(folder)
     times = do_missing(cases, archive, run_case, workers=workers or ThisProcess(), progress=progress)
     return tuple(outcome_of(case, archive.read(case), times.get(case.name, {})) for case in cases)
 

@@ -27,7 +27,8 @@ from nbv.run.manifest import versions
 from nbv.run.workers import ThisProcess, Workers
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import chosen_effects
-from nbv.study.case import CaseSetting, PlanArchive, do_missing, identity_of, load_setting, slug
+from nbv.study.archive import RecordArchive, do_missing
+from nbv.study.case import CaseSetting, identity_of, load_setting, slug
 from nbv.study.scan_errors import tally_errors
 from nbv.study.spec import PosesEntry, Sampling, ScanStudySpec, SceneEntry, SensorEntry
 from nbv.visibility.visibility import Progress
@@ -278,7 +279,7 @@ def run_scan_study(
     InputError
         What cannot be used; nothing has been scanned then.
     """
-    sets, archive = sets_of(spec, folder / "scans", first_seed), ScanArchive(folder / "records")
+    sets, archive = sets_of(spec, folder / "scans", first_seed), RecordArchive(folder / "records")
     workers = workers or ThisProcess()
     do_missing(
         [case for one in sets for case in one.scans], archive, run_scan, workers=workers, progress=progress
@@ -291,12 +292,3 @@ def run_scan_study(
         )
         for one in sets
     )
-
-
-class ScanArchive(PlanArchive):
-    """Records of scans; one whose scan is to be kept counts with its file alone."""
-
-    def holds(self, case: Any) -> bool:
-        """Tell whether the record of this very case is there, and the scan where it is kept."""
-        file = getattr(case, "file", None)
-        return super().holds(case) and (file is None or file.is_file())

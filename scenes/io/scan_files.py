@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PureWindowsPath
@@ -390,6 +390,20 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
     )
 
 
+def writer_for(target: Path, n_scans: int = 1) -> Callable[[Sequence[RangeImage], Path], None]:
+    """Return what writes so many scans to a file of that suffix.
+
+    Raises InputError: a suffix that scans are not written to, or of files that hold one scan.
+    """
+    known = format_of(target.suffix)
+    if known is None or known.write is None:
+        suffix = target.suffix or "a name without suffix"
+        raise InputError(f"{target}: cannot write scans to {suffix}; known: {', '.join(written_suffixes())}")
+    if n_scans > 1 and not known.several:
+        raise InputError(f"{target}: holds one scan, not {n_scans}; write an .e57 file or a folder")
+    return known.write
+
+
 def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
     """Write one scan by suffix, atomically.
 
@@ -402,12 +416,8 @@ def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
         Another suffix, a folder that does not exist, a missing extra, or what the format cannot hold.
     """
     target = Path(path)
-    known = format_of(target.suffix)
-    if known is None or known.write is None:
-        suffix = target.suffix or "a name without suffix"
-        raise InputError(f"{target}: cannot write scans to {suffix}; known: {', '.join(written_suffixes())}")
     with np.errstate(invalid="ignore"):
-        known.write([scan], target)
+        writer_for(target)([scan], target)
 
 
 def write_scans(
@@ -430,12 +440,9 @@ def write_scans(
         Another suffix with more than one scan, or what the format cannot hold.
     """
     target = Path(path)
-    known = format_of(target.suffix)
     if target.suffix == "":
         write_rgbd(scans, target, layout)
     elif len(scans) == 1:
         write_scan(scans[0], target)
-    elif known is not None and known.write is not None:
-        known.write(scans, target)
     else:
-        raise InputError(f"{target}: holds one scan, not {len(scans)}; write an .e57 file or a folder")
+        writer_for(target, len(scans))(scans, target)

@@ -74,6 +74,11 @@ def _refuse_beyond(max_bytes: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_DATA, (before, hardest))
 
 
+def planned_bytes() -> int | None:
+    """Return the limit in force here, None where it is what the machine has."""
+    return _limit.get()
+
+
 def room() -> int:
     """Return the bytes that this process may still use; 0 when it uses more than it may."""
     now = _usage()

@@ -133,13 +133,19 @@ def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[Inferr
             data3d = _begin(lib, image_file)
             if inferred:
                 image_file.extensionsAdd(*EXTENSION)
-            clouds: list[RangeImage | InferredPoints] = [*scans, *inferred]
-            for cloud in clouds:
-                columns = _columns(cloud) if isinstance(cloud, RangeImage) else cloud.columns()
-                data3d.append(_scan_node(lib, image_file, cloud, columns))
-                _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], columns)
+            parts: tuple[Sequence[RangeImage | InferredPoints], ...] = (scans, inferred)
+            for clouds in parts:
+                for index in range(len(clouds)):  # an iterator would hold one scan while it makes the next
+                    _append(lib, image_file, data3d, clouds[index])
         finally:
             image_file.close()
+
+
+def _append(lib: Any, image_file: Any, data3d: Any, cloud: RangeImage | InferredPoints) -> None:
+    """Write a scan, or inferred points, after those that are there."""
+    columns = _columns(cloud) if isinstance(cloud, RangeImage) else cloud.columns()
+    data3d.append(_scan_node(lib, image_file, cloud, columns))
+    _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], columns)
 
 
 @contextmanager
@@ -277,6 +283,7 @@ FORMAT = Format(
     points=each_cloud(E57File),
     scans=each_scan(E57File),
     write=write_e57,
+    several=True,
     all_returns=True,
     facts=FormatFacts(
         title="`.e57`",

@@ -131,8 +131,8 @@ def open_arrays(path: Path) -> Iterator[ArrayFile]:
 _OPTIONAL = ("colour", "sensor_points", "intensity")
 
 
-def write_npz(scan: RangeImage, path: Path) -> None:
-    """Write `scan` losslessly.
+def write_npz(scan: RangeImage, path: Path, level: int = _LEVEL) -> None:
+    """Write `scan` losslessly, packed at a zlib `level` (0: not at all).
 
     Keys: `header` (JSON: format, projection, pose, sigma, noise, name), `ranges` along the ray in metres,
     and where known `colour`, `sensor_points`, `intensity` and the truth of a simulated scan: `truth_face`,
@@ -152,7 +152,7 @@ def write_npz(scan: RangeImage, path: Path) -> None:
         arrays |= {f"echo_{name}": getattr(scan.echoes, name) for name in known}
     with (
         atomic_path(path) as temporary,
-        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=level) as archive,
     ):
         for name, array in arrays.items():
             with archive.open(f"{name}{_SUFFIX}", "w", force_zip64=True) as stream:

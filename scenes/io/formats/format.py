@@ -155,7 +155,9 @@ class Format:
         Returns a reader for each scan of a file, None for one without points; intrinsics (pixels) go before
         the file's own.
     write : function of (sequence of RangeImage, Path)
-        Writes scans; raises InputError for more than the format holds.
+        Writes scans, asking for one after the other; raises InputError for more than the format holds.
+    several : bool
+        Whether its files hold several scans.
     is_text : bool
         Whether its files are lines of numbers, which may also be poses.
     unit : str, optional
@@ -177,6 +179,7 @@ class Format:
     points: Callable[[Path, int | None], RawPoints] | None = None
     scans: Callable[[Path, Intrinsics | None], Sequence[ScanReader | None]] | None = None
     write: Callable[[Sequence[RangeImage], Path], None] | None = None
+    several: bool = False
     is_text: bool = False
     unit: Units | None = None
     marks_misses: bool = False

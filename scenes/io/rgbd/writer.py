@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -44,19 +45,23 @@ def write_rgbd(scans: Sequence[RangeImage], folder: Path, layout: Layout = "plai
     """
     if layout not in _SCALES:
         raise InputError(f"{folder}: layout must be one of {', '.join(_SCALES)}, got {layout!r}")
-    camera, depths = _check_scans(scans, folder)
-    scale = _scale(depths, folder, layout)
-    has_colour = all(scan.colour is not None for scan in scans)
+    if not scans:
+        raise InputError("there is no scan to write")
+    frames = [_Frame.of(scans[k], folder) for k in range(len(scans))]  # an iterator would hold two scans
+    camera = frames[0].camera
+    if any(frame.camera != camera for frame in frames):
+        raise _several_cameras(folder)
+    scale = _scale(max(frame.largest_m for frame in frames), folder, layout)
+    has_colour = all(frame.has_colour for frame in frames)
     if layout == "tum" and not has_colour:
         raise InputError(f"{folder}: a TUM folder holds colours, and not all scans have any; write it plain")
     check_no_other_frames(folder, len(scans), layout)
     names = _names(len(scans), layout)
     with Stage(make_folder(folder)) as stage:
-        for name, scan, depth in zip(names, scans, depths, strict=True):
-            _save_png(np.rint(depth * scale).astype(np.uint16), stage.path(f"depth/{name}.png"))
-            if scan.colour is not None and has_colour:
-                _save_png(colour_bytes(scan.colour), stage.path(f"{_COLOURS[layout]}/{name}.png"))
-        _write_places(stage.folder, layout, [scan.world_from_sensor for scan in scans], names)
+        for k, name in enumerate(names):
+            colours = stage.path(f"{_COLOURS[layout]}/{name}.png") if has_colour else None
+            _write_images(scans[k], scale, stage.path(f"depth/{name}.png"), colours)
+        _write_places(stage.folder, layout, [frame.pose for frame in frames], names)
         values = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
         write_json(stage.path("camera.json"), values | {"depth_scale": scale})
         stage.commit()
@@ -78,19 +83,41 @@ def _names(n_scans: int, layout: Layout) -> list[str]:
     return [f"{k:.6f}" if layout == "tum" else f"{k:05d}" for k in range(1, n_scans + 1)]
 
 
-def _check_scans(scans: Sequence[RangeImage], folder: Path) -> tuple[PinholeProjection, list[FloatArray]]:
-    """Return the one camera, and the depths of each scan, 0 where nothing came back."""
-    if not scans:
-        raise InputError("there is no scan to write")
-    camera = scans[0].projection
-    if not isinstance(camera, PinholeProjection) or any(scan.projection != camera for scan in scans):
-        raise InputError(f"{folder}: an RGB-D folder holds scans of one pinhole camera; use .npz or .e57")
-    return camera, [np.nan_to_num(scan.points_in_sensor()[..., 2], nan=0.0) for scan in scans]
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What the folder's common files say of a scan: its pixels are not kept."""
+
+    camera: PinholeProjection
+    pose: Pose
+    largest_m: float
+    has_colour: bool
+
+    @classmethod
+    def of(cls, scan: RangeImage, folder: Path) -> _Frame:
+        camera = scan.projection
+        if not isinstance(camera, PinholeProjection):
+            raise _several_cameras(folder)
+        return cls(camera, scan.world_from_sensor, float(_depths(scan).max()), scan.colour is not None)
 
 
-def _scale(depths: Sequence[FloatArray], folder: Path, layout: Layout) -> int:
-    """Return the depth values a metre."""
-    largest = max(float(depth.max()) for depth in depths)
+def _several_cameras(folder: Path) -> InputError:
+    return InputError(f"{folder}: an RGB-D folder holds scans of one pinhole camera; use .npz or .e57")
+
+
+def _depths(scan: RangeImage) -> FloatArray:
+    """Return the depths of a scan, 0 where nothing came back."""
+    return np.nan_to_num(scan.points_in_sensor()[..., 2], nan=0.0)
+
+
+def _write_images(scan: RangeImage, scale: int, depths: Path, colours: Path | None) -> None:
+    """Write the depth image, and that of colours where it is asked for."""
+    _save_png(np.rint(_depths(scan) * scale).astype(np.uint16), depths)
+    if colours is not None and scan.colour is not None:
+        _save_png(colour_bytes(scan.colour), colours)
+
+
+def _scale(largest: float, folder: Path, layout: Layout) -> int:
+    """Return the depth values a metre that hold the largest depth, metres."""
     scale = next((scale for scale in _SCALES[layout] if largest * scale < _LARGEST), None)
     if scale is None:
         instead = "use .npz or .e57" if layout == "plain" else "write it plain, or use .npz or .e57"

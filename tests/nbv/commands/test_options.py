@@ -22,7 +22,8 @@ from scenes.checks import InputError
 SHARED = "out seed=0 json quiet threads max-memory limit"
 DOCUMENTED = {
     "demo": "",
-    "scan": "at look poses sensor=generic60 noise=none returns no-truth up units=m",
+    "scan": "at look poses sensor=generic60 noise=none returns no-truth format part scheduler up units=m "
+    "trajectory rate position-sd=0.0 angle-sd=0.0 clock=0.0",
     "plan": "method=nbv sensor=generic60 max-incidence=60.0 max-range min-density max-sd "
     "registration-sd=0.0 averaging-radius=0.0 k=1 target=0.99 views mode rooms=all without "
     "outdoors all-round heights spacing clearance=0.3 start several-heights candidates scans "

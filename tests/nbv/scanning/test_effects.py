@@ -166,6 +166,12 @@ def test_intensity_follows_lambert_and_the_inverse_square():
 def test_reflectivity_is_the_luminance_of_the_colour():
     colours = np.array([[1, 1, 1], [0, 0, 0], [0, 1, 0], [0.5, 0.5, 0.5]], np.float32)
     assert reflectivity_of_colour(colours) == pytest.approx([1, 0, 0.7152, 0.21404], abs=1e-5)
+    varied = np.repeat(np.random.default_rng(0).random((5000, 3), np.float32), 2, axis=0)
+    encoded = varied.astype(np.float64)
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    found = reflectivity_of_colour(varied)
+    np.testing.assert_allclose(found, linear @ [0.2126, 0.7152, 0.0722], rtol=0, atol=5e-8)
+    np.testing.assert_array_equal(reflectivity_of_colour(np.array([[-1, -1, -1], [2, 2, 2]])), [0.0, 1.0])
 
 
 def test_weak_and_oblique_echoes_are_lost():

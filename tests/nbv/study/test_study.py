@@ -25,7 +25,8 @@ from nbv.plan.problem import RemoteVisibility, SharedArrays
 from nbv.run.manifest import versions
 from nbv.run.workers import ThisProcess, _check_versions, cluster
 from nbv.scanning.sensor import PinholeSensor
-from nbv.study.case import PlanArchive, cases_of, run_case
+from nbv.study.archive import RecordArchive
+from nbv.study.case import cases_of, run_case
 from nbv.study.pipeline import COLUMNS, SHARES, check_results, groups_of, outcome_of, run_study, write_results
 from nbv.study.scans import sets_of
 from nbv.study.spec import ScanStudySpec, read_study
@@ -267,7 +268,7 @@ def test_parquet_holds_what_csv_holds(undisturbed, tmp_path, file):
     parquet = pytest.importorskip("pyarrow.parquet")
     out, _ = undisturbed
     cases = cases_of(read_study(file))
-    archive = PlanArchive(out / "plans")
+    archive = RecordArchive(out / "plans")
     outcomes = [outcome_of(case, archive.read(case)) for case in cases]
     results, curves = write_results(outcomes, tmp_path, "parquet")
     once = results.read_bytes(), curves.read_bytes()

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from nbv.cli import app
-from nbv.run.workers import _on_worker
+from nbv.run.workers import _Bounds, _on_worker
 from scenes.checks import InputError
 from scenes.io.checks.documents import parse_json, parse_toml, read_json, read_text
 from scenes.io.checks.guard import check_file
@@ -25,6 +25,7 @@ from scenes.io.checks.limits import (
 from scenes.io.clouds.npz import open_arrays
 from scenes.io.scene_files import load_scene
 from scenes.rays.raycast import RayCaster
+from scenes.run.memory import memory_limit, planned_bytes
 from tests.robustness.bad_files import meshes
 from tests.robustness.bad_files.documents import picture
 
@@ -189,8 +190,11 @@ def test_places_far_from_the_origin_lose_nothing_in_ray_casting() -> None:
 
 
 def test_workers_elsewhere_have_the_limits_of_here() -> None:
-    def work(_item: None, _n_threads: int | None) -> int:
-        return current_limits().faces
+    def work(_item: None, _n_threads: int | None) -> tuple[int, int | None]:
+        return current_limits().faces, planned_bytes()
 
-    assert _on_worker(work, None, 1, {"faces": 5}) == 5
+    with limits(faces=5), memory_limit(10**9):
+        bounds = _Bounds.here()
+    assert _on_worker(work, None, 1, bounds) == (5, 10**9)
     assert current_limits() == ReadLimits()
+    assert planned_bytes() is None
