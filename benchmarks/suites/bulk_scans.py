@@ -80,7 +80,8 @@ def _family(process: int) -> list[int]:
     family = [process]
     for one in family:
         try:
-            family += map(int, Path(f"/proc/{one}/task/{one}/children").read_text().split())
+            for thread in Path(f"/proc/{one}/task").iterdir():
+                family += map(int, (thread / "children").read_text().split())
         except OSError:
             continue
     return family
@@ -161,8 +162,10 @@ def bulk_scans(
         "run", "scans", "wall s", "of them scanning", "CPU s", "CPU s a Mpixel", "peak MB", "MB written",
         "digest",
     )  # fmt: skip
-    for n in map(int, numbers.split(",")):
+    for n in map(int, filter(None, numbers.split(","))):
         yield line("one thread", n, run_bulk(scene, n, megapixels, *files, "--threads", "1"))
+    if not workers:
+        return
     n_kept, again = killed_and_resumed(scene, workers, megapixels, *files, "--threads", "1")
     yield line(f"killed at {n_kept}, then resumed", workers, again)
     yield line("one file", workers, run_bulk(scene, workers, megapixels, "--threads", "1", out="all.e57"))

@@ -20,7 +20,7 @@ from uuid import uuid4
 from nbv.run.manifest import versions
 from scenes.checks import InputError
 from scenes.io.checks.limits import current_limits, limits
-from scenes.run.memory import memory_limit, planned_bytes
+from scenes.run.memory import memory_limit, planned_bytes, reuse_freed
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -264,6 +264,7 @@ class _Bounds:
 
 def _share_on_worker(work: Callable[[WorkerShare], str], share: WorkerShare, held: _Bounds) -> str:
     """Do a worker's share under the limits in force here; errors of the input are told, not raised."""
+    reuse_freed()
     with limits(**held.reading), memory_limit(held.memory):
         try:
             return work(share)
@@ -275,6 +276,7 @@ def _on_worker(work: Work[Item, Result], item: Item, n_threads: int | None, held
     """Do a piece of work on a worker, with its share of the machine's cores and the limits in force here."""
     if n_threads is None:
         n_threads = max(1, (os.cpu_count() or 1) // _worker_threads())
+    reuse_freed()
     with limits(**held.reading), memory_limit(held.memory):
         return work(item, n_threads)
 

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import resource
+import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -39,6 +40,7 @@ from scenes import builtin_scene
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.run.memory import machine_bytes, memory_limit, require, room, rows_within, threads, threads_within
+from tests.helpers.data_paths import ROOT
 from tests.helpers.long_cases import first_in_gate
 from texture import grow
 
@@ -228,3 +230,23 @@ def test_a_command_writes_the_same_with_little_memory(tmp_path, monkeypatch):
         )
         assert result.exit_code == 0, result.stderr
     assert Path("free.npz").read_bytes() == Path("tight.npz").read_bytes()
+
+
+@linux
+def test_what_is_freed_is_used_again_where_it_was_given_back_at_once():
+    """As of dask's workers, whose setting makes each array of a megabyte new pages of memory."""
+    program = (
+        "import resource, sys\nimport numpy as np\nfrom scenes.run.memory import reuse_freed\n"
+        "if sys.argv[1] == 'reuse': reuse_freed()\n"
+        "for _ in range(20): np.ones(1 << 20)\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "for _ in range(50): np.ones(1 << 20)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)\n"
+    )
+    faults = {}
+    for how in ("as set", "reuse"):
+        command = [sys.executable, "-c", program, how]
+        given = {**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536", "PYTHONPATH": str(ROOT)}
+        ran = subprocess.run(command, env=given, check=True, capture_output=True, text=True)
+        faults[how] = int(ran.stdout)
+    assert faults["as set"] > 20 * max(faults["reuse"], 1)
