@@ -10,7 +10,7 @@ radius, to which its points are fitted; a ball of no radius lies where the faces
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal, NamedTuple
@@ -24,19 +24,19 @@ from completion.parts.dimensions.face_samples import FaceSamples
 from completion.parts.dimensions.joint_surfaces import JointSurfaces
 from completion.parts.division.divided_part import RelatedPart
 from completion.relations.equations import Placement, surface_at
-from completion.relations.graph import is_settled
 from completion.relations.options import RelationOptions
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Sphere, Surface, Torus
 
 BlendKind = Literal["fillet", "round", "corner ball"]
 
-_N_TEST, _N_EDGE = 6, 25  # points of a spine that are tested, and of the edge behind a blend
-_LOOSE = 1e-2  # of their deviation without relations, within which lengths that relations determine are met
+_N_EDGE = 25  # points of the edge behind a blend
+_ABOUT = 0.5  # of a face's radius, by which its spine may be nearer to or farther from those it may touch
+_MOST = 0.5  # of a blend's points, that lie between where its ball touches
 _EXACT = 1e-7  # of the part's size, of rounding
-_LEAST_SHARE = 1e-6  # of the greatest variance: what is less, spines do not tell to first order
-_N_STEPS, _N_ROUNDS = 8, 20  # of Newton's method
-_STILL = 1e-4  # of its deviation, by which a radius moves no more
+_LEAST_SHARE = 1e-3  # of the greatest change of distances: a face's moves that change them less are not told
+_N_STEPS, _N_ROUNDS = 8, 30  # of Newton's method
+_STILL = 1e-7  # of a radius, by which it moves no more
 _FLAT = 1e-6  # squared sine between faces that do not meet
 _NEAR = 2.0  # sampling distances from a blend within which its faces' points may be on it
 
@@ -47,8 +47,8 @@ class Blend:
 
     Attributes
     ----------
-    label : int
-        Of its surface.
+    labels : tuple of int
+        Of its surface, or of its pieces.
     supports : tuple of int
         Labels of the faces that it lies between.
     kind : str
@@ -63,7 +63,7 @@ class Blend:
         Of these points across the edge, m2.
     """
 
-    label: int
+    labels: tuple[int, ...]
     supports: tuple[int, ...]
     kind: BlendKind
     radius_m: float
@@ -103,25 +103,33 @@ def blends_of(part: RelatedPart) -> tuple[Blend, ...]:
 def find_blends(known: JointSurfaces, faces: FaceSamples) -> tuple[Blend, ...]:
     """The same of surfaces and points that are at hand."""
     labels, found = known.part.labels, dict[int, Blend]()
-    round_faces = [
-        place
-        for place, fit in enumerate(known.part.fits)
-        if isinstance(fit.surface, Cylinder | Torus | Sphere) and is_settled(fit) and len(faces.of(place))
-    ]
+    round_faces = [place for place, surface in enumerate(faces.surfaces)
+                   if isinstance(surface, Cylinder | Torus | Sphere) and len(faces.of(place))]  # fmt: skip
     for place in sorted(round_faces, key=lambda place: isinstance(faces.surfaces[place], Sphere)):
         beside = sorted(faces.neighbours[place], key=lambda other: (-len(faces.beside(place, other)), other))
         needed = 2
         if isinstance(faces.surfaces[place], Sphere):
             of = dict.fromkeys(name for other in beside if other in found for name in found[other].supports)
             beside, needed = [labels.index(name) for name in of], 3
-        asked = _RollingBall(known, faces, place)
-        near = [other for other in beside if asked.touches((other,))]
-        for supports in combinations(near, needed):
-            blend = asked.between(supports)
-            if blend is not None:
-                found[place] = blend
-                break
-    return tuple(found.values())
+        asked = _RollingBall(known, faces, (place,))
+        near = [other for other in beside if asked.may_touch(other)]
+        blends = (asked.between(supports) for supports in combinations(near, needed))
+        best = next((blend for blend in blends if blend is not None), None)
+        if best is not None:
+            found[place] = best
+    return tuple(_joined(found, known, faces))
+
+
+def _joined(found: Mapping[int, Blend], known: JointSurfaces, faces: FaceSamples) -> Iterator[Blend]:
+    """Blends, those that are pieces of one in one."""
+    together: dict[object, list[int]] = {}
+    for place, blend in found.items():
+        together.setdefault((frozenset(blend.supports), blend.kind), []).append(place)
+    for places in together.values():
+        places.sort(key=lambda place: -len(faces.of(place)))
+        supports = [known.part.labels.index(name) for name in found[places[0]].supports]
+        whole = None if len(places) < 2 else _RollingBall(known, faces, places).between(supports)
+        yield from [found[place] for place in places] if whole is None else [whole]
 
 
 class _Contact(NamedTuple):
@@ -139,6 +147,16 @@ class _Contact(NamedTuple):
         step = points - self.centre
         far = np.linalg.norm(step, axis=1)
         return far, step / np.maximum(far, 1e-300)[:, None]
+
+    def of(self, used: BoolArray) -> _Contact:
+        """Some of the balls."""
+        return _Contact(*(each[used] for each in self))
+
+    def has(self, points: FloatArray) -> BoolArray:
+        """Which points (n, 3) their ball has between its contacts, as seen from its centre."""
+        square = self.way @ self.way.transpose(0, 2, 1)
+        parts = np.linalg.solve(square, self.way @ self.seen(points)[1][:, :, None])[..., 0]
+        return np.asarray((parts > 0).all(axis=1))
 
 
 def _contact(surfaces: Sequence[Surface], signs: FloatArray, radius: float, start: FloatArray) -> _Contact:
@@ -160,135 +178,133 @@ def _contact(surfaces: Sequence[Surface], signs: FloatArray, radius: float, star
 
 
 class _RollingBall:
-    """A round face, asked whether it is a blend of others."""
+    """Round faces, pieces of one, asked whether they are a blend of others."""
 
-    def __init__(self, known: JointSurfaces, faces: FaceSamples, place: int) -> None:
-        self._known, self._faces, self._place = known, faces, place
-        self._at, self._surface, graph = known.at[place], faces.surfaces[place], known.part.relations
+    def __init__(self, known: JointSurfaces, faces: FaceSamples, places: Sequence[int]) -> None:
+        self._known, self._faces, self._places = known, faces, tuple(places)
+        self._at, graph = known.at[places[0]], known.part.relations
         options = RelationOptions() if graph is None else graph.options
         self._level, self._built_m = options.level, float(options.built_sd[1])
-        self._along = _spread(self._at, faces.of(place), _N_TEST)
+        self._own = np.concatenate([faces.of(place) for place in places])
+        self._spine = _spine(self._at, _spread(self._at, self._own, _N_EDGE))
 
-    def touches(self, supports: Sequence[int]) -> bool:
-        """Whether it touches faces, as a blend does, by chance no better."""
-        return self._test(supports) >= self._level
-
-    def _signs(self, supports: Sequence[int]) -> FloatArray:
-        """On which side (m,) of faces its spine is, 1 along their normals."""
-        spine = _spine(self._at, self._along)
-        return np.array([np.sign(np.median(self._faces.surfaces[k].distance(spine))) for k in supports])
-
-    def _test(self, supports: Sequence[int]) -> float:
-        """Probability of the spine's distances from faces; 0 where those are as likely by chance."""
-        signs, like = self._signs(supports), [self._faces.surfaces[k] for k in supports]
-
-        def off(at: Sequence[Placement]) -> FloatArray:
-            spine = _spine(at[0], self._along)
-            sides = zip(signs, at[1:], like, strict=True)
-            return np.concatenate([sign * surface_at(one, two).distance(spine) - at[0].radius
-                                   for sign, one, two in sides])  # fmt: skip
-
-        found = self._known.estimate((self._place, *supports), off)
-        exact = (_EXACT * self._known.size_m) ** 2 + self._built_m**2
-        variance, ways = np.linalg.eigh(
-            found.covariance + _LOOSE**2 * found.measured_covariance + exact * np.eye(len(found.value))
-        )
-        told = variance > _LEAST_SHARE * variance[-1]
-        variance, misfit = variance[told], found.value @ ways[:, told]
-        square = float((misfit**2 / variance).sum())
-        by_chance = 2 * self._at.radius  # metres, within which anything may be as far from a face
-        evidence = -(square + np.log(2 * np.pi * variance / by_chance**2).sum()) / 2
-        return float(chdtrc(len(variance), square)) if evidence > 0 else 0.0
+    def may_touch(self, other: int) -> bool:
+        """Whether a face is about as far from all of the spine as its radius."""
+        off = np.abs(self._faces.surfaces[other].distance(self._spine)) - self._at.radius
+        return bool(np.abs(off).max() < _ABOUT * self._at.radius)
 
     def between(self, supports: Sequence[int]) -> Blend | None:
         """The blend of two or three faces; None where it is none, or they do not meet."""
-        p = self._test(supports)
-        if p < self._level:
+        like = [self._faces.surfaces[k] for k in supports]
+        signs = np.array([np.sign(np.median(surface.distance(self._spine))) for surface in like])
+        if np.mean(_contact(like, signs, self._at.radius, self._own).has(self._own)) < _MOST:
             return None
-        known, part = self._known, self._known.part
-        signs, like = self._signs(supports), [self._faces.surfaces[k] for k in supports]
-        surfaces = [surface_at(known.at[k], one) for k, one in zip(supports, like, strict=True)]
         points = self._points(supports)
-        own = self._faces.of(self._place)
-        if np.mean(_is_between(_contact(surfaces, signs, self._at.radius, own), own)) < 0.5:
+        radius = self._radius(like, signs, points)
+        if radius is None:
             return None
+        contact = _contact(like, signs, radius, points)
+        used = contact.has(points)
+        points, start = points[used], contact.centre[used]
+        far, way = contact.of(used).seen(points)
+        slope = 1 + np.einsum("ij,ij->i", way, contact.by_radius[used])
+        weight = slope / float(slope @ slope)
+        moves = self._moves(points, way, slope / np.linalg.norm(slope))
+        n_free = len(points) - moves.shape[1] - 1
+        if n_free < 1:
+            return None
+        noise = self._noise(far - radius - moves @ (moves.T @ (far - radius)), n_free)
+
+        def misfit(at: Sequence[Placement]) -> FloatArray:
+            here = _contact(_surfaces(at, like), signs, radius, start).seen(points)[0] - radius
+            return np.concatenate([[weight @ here], moves.T @ here])
+
+        found = self._known.estimate(supports, misfit)
+        sd = float(np.sqrt(found.covariance[0, 0] + noise**2 * (weight @ weight)))
+        spread = found.covariance[1:, 1:] + noise**2 * np.eye(moves.shape[1])
+        spread += self._built_m**2 * moves.T @ moves * len(points)
+        square = float(found.value[1:] @ np.linalg.solve(spread, found.value[1:]))
+        p = float(chdtrc(moves.shape[1], square))
+        is_sharp = chdtrc(1, (radius / sd) ** 2) > self._level
+        if p < self._level or is_sharp:
+            return None
+        edge, covariance = self._edge(supports, like, signs)
+        if not np.isfinite(edge).all():
+            return None
+        names, sides = self._known.part.labels, self._faces.sides
+        outside = [sign * sides[place] for sign, place in zip(signs, supports, strict=True)]
+        outside += [1.0 if self._faces.is_hollow(place) else -1.0 for place in self._places[:1]]
+        kind: BlendKind = "corner ball" if len(supports) > 2 else "fillet" if sum(outside) > 0 else "round"
+        return Blend(
+            labels=tuple(names[k] for k in self._places), supports=tuple(names[k] for k in supports),
+            kind=kind, radius_m=radius, sd_m=sd, p=p, edge=edge, edge_covariance=covariance,
+        )  # fmt: skip
+
+    def _radius(self, surfaces: Sequence[Surface], signs: FloatArray, points: FloatArray) -> float | None:
+        """The radius of the ball that fits points (n, 3) best; None where none does."""
         radius = self._at.radius
         for _ in range(_N_ROUNDS):
             contact = _contact(surfaces, signs, radius, points)
             far, way = contact.seen(points)
-            weight = np.where(_is_between(contact, points), 1 + np.einsum("ij,ij->i", way, contact.by_radius), 0)
-            whole = float(np.sum(weight**2))
-            if not whole > 0:
-                return None
-            step = float(weight @ (far - radius)) / whole
-            noise = self._noise(far - radius, weight)
+            slope = np.where(contact.has(points), 1 + np.einsum("ij,ij->i", way, contact.by_radius), 0.0)
+            whole = float(slope @ slope)
+            step = float(slope @ (far - radius)) / whole if whole > 0 else np.nan
             radius += step
-            if not 0 < radius < known.size_m:
+            if not 0 < radius < self._known.size_m:
                 return None
-            if abs(step) <= _STILL * noise / np.sqrt(whole) + 1e-12 * radius:
-                break
-        used = weight != 0
-        start, weight = contact.centre[used], weight[used] / whole
-
-        def moved(at: Sequence[Placement]) -> float:
-            here = _contact([surface_at(one, two) for one, two in zip(at, like, strict=True)],
-                            signs, radius, start)  # fmt: skip
-            return float(weight @ here.seen(points[used])[0])
-
-        from_supports = known.estimate(supports, moved)
-        sd = float(np.hypot(from_supports.sd, noise / np.sqrt(whole)))
-        edge, covariance = self._edge(supports, like, signs)
-        if not np.isfinite(edge).all():
-            return None
-        outside = [signs[k] * self._faces.sides[place] for k, place in enumerate(supports)]
-        outside.append(1.0 if self._faces.is_hollow(self._place) else -1.0)
-        kind: BlendKind = "corner ball" if len(supports) > 2 else "fillet" if sum(outside) > 0 else "round"
-        return Blend(
-            label=part.labels[self._place], supports=tuple(part.labels[k] for k in supports), kind=kind,
-            radius_m=radius, sd_m=sd, p=p, edge=edge, edge_covariance=covariance,
-        )  # fmt: skip
+            if abs(step) < _STILL * radius:
+                return radius
+        return None
 
     def _points(self, supports: Sequence[int]) -> FloatArray:
-        """Points (n, 3) of the face, and those of its supports that are so near that noise may exchange them."""
+        """Points (n, 3) of the faces, and of supports those so near that errors may exchange them."""
         part = self._known.part
-        own = part.points[part.surface == part.labels[self._place]]
-        tree, reach = cKDTree(own), _NEAR * part.spacing_m
-        every = [own]
+        own = part.points[np.isin(part.surface, [part.labels[place] for place in self._places])]
+        tree, every = cKDTree(own), [own]
         for place in supports:
             points = part.points[part.surface == part.labels[place]]
-            every.append(points[np.isfinite(tree.query(points, distance_upper_bound=reach)[0])])
+            far = tree.query(points, distance_upper_bound=_NEAR * part.spacing_m)[0]
+            every.append(points[np.isfinite(far)])
         return np.concatenate(every)
 
-    def _noise(self, residual: FloatArray, weight: FloatArray) -> float:
-        """Deviation of points from the blend, metres: neighbours that err alike count as they do in its fit."""
-        fit = self._known.part.measured[self._place]
-        n = max(int(np.count_nonzero(weight)) - 1, 1)
-        scatter = float(np.sqrt(np.sum(residual[weight != 0] ** 2) / n))
-        return max(scatter, self._known.part.noise_m) * float(np.sqrt(fit.inflation))
+    def _moves(self, points: FloatArray, way: FloatArray, slope: FloatArray) -> FloatArray:
+        """Orthonormal ways (n, k) in which distances of points change as the face moves, but for its radius.
+
+        As a whole, and a torus by its ring's radius.
+        """
+        arm = (points - self._at.point) / self._known.size_m
+        columns = [way, np.cross(arm, way)]
+        if self._at.ring_radius > 0:
+            level = arm - (arm @ self._at.direction)[:, None] * self._at.direction
+            out = level / np.linalg.norm(level, axis=1, keepdims=True)
+            columns.append(np.einsum("ij,ij->i", out, way)[:, None])
+        moved = np.concatenate([*columns, np.ones((len(way), 1))], axis=1)
+        moved -= np.outer(slope, slope @ moved)
+        left, size, _ = np.linalg.svd(moved, full_matrices=False)
+        return left[:, size > _LEAST_SHARE * size[0]]
+
+    def _noise(self, residual: FloatArray, n_free: int) -> float:
+        """Deviation of points, metres; neighbours that err alike count as they do in the face's own fit."""
+        scatter = float(np.linalg.norm(residual)) / np.sqrt(n_free)
+        exact = _EXACT * self._known.size_m
+        fit = self._known.part.measured[self._places[0]]
+        return float(max(scatter, self._known.part.noise_m, exact) * np.sqrt(fit.inflation))
 
     def _edge(
         self, supports: Sequence[int], like: Sequence[Surface], signs: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Where faces meet (n, 3), and its covariance (n, 3, 3)."""
-        start = _spine(self._at, _spread(self._at, self._faces.of(self._place), _N_EDGE))
-        start = start[:1] if len(supports) > 2 else start
+        start = self._spine[:1] if len(supports) > 2 else self._spine
 
         def meeting(at: Sequence[Placement]) -> FloatArray:
-            surfaces = [surface_at(one, two) for one, two in zip(at, like, strict=True)]
-            return _contact(surfaces, signs, 0.0, start).centre.ravel()
+            return _contact(_surfaces(at, like), signs, 0.0, start).centre.ravel()
 
-        found = self._known.estimate(supports, meeting)
-        n = len(start)
-        spread = found.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
-        return found.value.reshape(n, 3), spread
+        found, n = self._known.estimate(supports, meeting), len(start)
+        return found.value.reshape(n, 3), found.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
 
 
-def _is_between(contact: _Contact, points: FloatArray) -> BoolArray:
-    """Which points (n, 3) their ball has between its contacts, as seen from its centre."""
-    _, way = contact.seen(points)
-    square = contact.way @ contact.way.transpose(0, 2, 1)
-    parts = np.linalg.solve(square, contact.way @ way[:, :, None])[..., 0]
-    return np.asarray((parts > 0).all(axis=1))
+def _surfaces(at: Sequence[Placement], like: Sequence[Surface]) -> list[Surface]:
+    return [surface_at(one, two) for one, two in zip(at, like, strict=True)]
 
 
 def _spine(at: Placement, points: FloatArray) -> FloatArray:
