@@ -10,14 +10,15 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 
 FAMILIES = ("prism", "turned", "block")
 _AREA_MM2 = 0.5  # of which there is one point
 _RADII_MM = (1.0, 8.0)
-_ROUNDED = 0.75  # of the edges of prisms and turned parts
+_ROUNDED, _KINKED = 0.7, 0.15  # of the edges of prisms and turned parts: blends, and arcs that are none
+_KINK = (1.15, 1.6)  # by which the radius of such an arc is greater than a blend's between the same ends
 _MOST_CUT = 0.38  # of an edge's length, that a blend at one end takes
 _FINE = 200  # chords of an arc where points are told to be inside
 _MM = 1e-3
@@ -83,13 +84,15 @@ class _Builder:
 class _Outline(NamedTuple):
     """A polygon's sides between its blends: ends (n, 2, 2), and at each side's end a centre and a radius.
 
-    `turn` (n,) is positive where the polygon is convex there; a radius of 0 is a sharp corner.
+    `turn` (n,) is positive where the polygon is convex there; a radius of 0 is a sharp corner. An arc that
+    is no blend (`is_blend`) meets its sides at an angle.
     """
 
     sides: FloatArray
     centre: FloatArray
     radius: FloatArray
     turn: FloatArray
+    is_blend: BoolArray
 
     def arc(self, k: int, share: FloatArray) -> FloatArray:
         """Points (m, 2) of the arc at the end of side k, by shares (m,) of its angle."""
@@ -106,7 +109,9 @@ class _Outline(NamedTuple):
     def polygon(self) -> shapely.Polygon:
         """The whole, its arcs by chords."""
         share = np.linspace(0, 1, _FINE)
-        rings = [[side, self.arc(k, share)] if self.radius[k] else [side] for k, side in enumerate(self.sides)]
+        rings = [
+            [side, self.arc(k, share)] if self.radius[k] else [side] for k, side in enumerate(self.sides)
+        ]
         return shapely.Polygon(np.concatenate([each for ring in rings for each in ring]))
 
 
@@ -117,25 +122,33 @@ def _outline(corners: FloatArray, rng: np.random.Generator) -> _Outline:
     length = np.linalg.norm(along, axis=1)
     along /= length[:, None]
     sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
-    centre, radius, turns = np.zeros((n, 2)), np.zeros(n), np.zeros(n)
+    centre, radius, turns, is_blend = np.zeros((n, 2)), np.zeros(n), np.zeros(n), np.ones(n, dtype=np.bool_)
     for k in range(n):
         two = (k + 1) % n
         cross = along[k, 0] * along[two, 1] - along[k, 1] * along[two, 0]
         turn = float(np.arctan2(cross, along[k] @ along[two]))
         turns[k], share = turn, np.tan(abs(turn) / 2)
         most = _MOST_CUT * min(length[k], length[two]) / share
-        wanted = rng.uniform(*_RADII_MM) * _MM
-        if rng.random() > _ROUNDED or most < _RADII_MM[0] * _MM:
+        wanted, drawn, kink = rng.uniform(*_RADII_MM) * _MM, rng.random(), rng.uniform(*_KINK)
+        if drawn > _ROUNDED + _KINKED or most < _RADII_MM[0] * _MM:
             continue
         radius[k] = min(wanted, most)
         cut = radius[k] * share
         sides[k, 1], sides[two, 0] = corners[two] - cut * along[k], corners[two] + cut * along[two]
         normal = np.array([-along[k, 1], along[k, 0]]) * np.sign(turn)
         centre[k] = sides[k, 1] + radius[k] * normal
-    return _Outline(sides, centre, radius, turns)
+        if drawn > _ROUNDED:
+            is_blend[k], radius[k] = False, kink * radius[k]
+            middle = (sides[k, 1] + sides[two, 0]) / 2
+            inwards = (centre[k] - middle) / np.linalg.norm(centre[k] - middle)
+            half = np.linalg.norm(sides[two, 0] - middle)
+            centre[k] = middle + np.sqrt(radius[k] ** 2 - half**2) * inwards
+    return _Outline(sides, centre, radius, turns, is_blend)
 
 
 def _blend(build: _Builder, outline: _Outline, k: int, place: int, side: dict[int, int]) -> None:
+    if not outline.is_blend[k]:
+        return
     kind = "round" if outline.turn[k] > 0 else "fillet"
     supports = (side[k], side[(k + 1) % len(outline.sides)])
     build.blends.append(TrueBlend(place, supports, float(outline.radius[k]), kind))
@@ -180,9 +193,7 @@ def _turned(build: _Builder) -> None:
 
     def spun(section: FloatArray) -> FloatArray:
         turn = rng.uniform(0, 2 * np.pi, len(section))
-        return np.column_stack(
-            [section[:, 0] * np.cos(turn), section[:, 0] * np.sin(turn), section[:, 1]]
-        )
+        return np.column_stack([section[:, 0] * np.cos(turn), section[:, 0] * np.sin(turn), section[:, 1]])
 
     def drawn(section: FloatArray) -> FloatArray:
         """Those (m, 2) of a section that make a revolved face even, as rings are the longer the wider."""

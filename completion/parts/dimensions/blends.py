@@ -11,82 +11,31 @@ radius, to which its points are fitted; a ball of no radius lies where the faces
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chdtrc
 
-from completion.parts.dimensions.dimension import NORMAL_95
+from completion.parts.dimensions.chamfers import find_chamfers
+from completion.parts.dimensions.contacts import contact, spread, surfaces_at, turns
+from completion.parts.dimensions.dimension import Blend, BlendKind
 from completion.parts.dimensions.face_samples import FaceSamples
 from completion.parts.dimensions.joint_surfaces import JointSurfaces
 from completion.parts.division.divided_part import RelatedPart
-from completion.relations.equations import Placement, surface_at
+from completion.relations.equations import Placement
 from completion.relations.options import RelationOptions
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Sphere, Surface, Torus
-
-BlendKind = Literal["fillet", "round", "corner ball"]
 
 _N_EDGE = 25  # points of the edge behind a blend
 _ABOUT = 0.5  # of a face's radius, by which its spine may be nearer to or farther from those it may touch
 _MOST = 0.5  # of a blend's points, that lie between where its ball touches
 _EXACT = 1e-7  # of the part's size, of rounding
 _LEAST_SHARE = 1e-3  # of the greatest change of distances: a face's moves that change them less are not told
-_N_STEPS, _N_ROUNDS = 8, 30  # of Newton's method
+_N_ROUNDS = 30  # of Newton's method
 _STILL = 1e-7  # of a radius, by which it moves no more
-_FLAT = 1e-6  # squared sine between faces that do not meet
 _NEAR = 2.0  # sampling distances from a blend within which its faces' points may be on it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Blend:
-    """A face on which a ball of one radius rolls along two faces, or lies in a corner of three.
-
-    Attributes
-    ----------
-    labels : tuple of int
-        Of its surface, or of its pieces.
-    supports : tuple of int
-        Labels of the faces that it lies between.
-    kind : str
-        "fillet" where the ball lies outside the material, "round" where within; "corner ball" of three faces.
-    radius_m, sd_m : float
-        Its radius where it touches its faces exactly, and the standard deviation of that; metres.
-    p : float
-        Probability of a misfit at least so large, if it touches them.
-    edge : (n, 3) float
-        Along the edge in which the faces meet behind it, as long as it; of a corner the one point. Metres.
-    edge_covariance : (n, 3, 3) float
-        Of these points across the edge, m2.
-    """
-
-    labels: tuple[int, ...]
-    supports: tuple[int, ...]
-    kind: BlendKind
-    radius_m: float
-    sd_m: float
-    p: float
-    edge: FloatArray
-    edge_covariance: FloatArray
-
-    @property
-    def interval_m(self) -> tuple[float, float]:
-        """The radius' 95 % interval, metres."""
-        return self.radius_m - NORMAL_95 * self.sd_m, self.radius_m + NORMAL_95 * self.sd_m
-
-    @property
-    def edge_sd_m(self) -> FloatArray:
-        """Standard deviation (n,) of the edge's points, the worst way across; metres."""
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.edge_covariance)[:, -1], 0.0))
-
-    @property
-    def note(self) -> str:
-        """What it is, in words: "fillet between 3 and 7"."""
-        *first, last = map(str, self.supports)
-        return f"{self.kind} between {', '.join(first)} and {last}"
 
 
 def blends_of(part: RelatedPart) -> tuple[Blend, ...]:
@@ -117,7 +66,9 @@ def find_blends(known: JointSurfaces, faces: FaceSamples) -> tuple[Blend, ...]:
         best = next((blend for blend in blends if blend is not None), None)
         if best is not None:
             found[place] = best
-    return tuple(_joined(found, known, faces))
+    graph = known.part.relations
+    level = (RelationOptions() if graph is None else graph.options).level
+    return (*_joined(found, known, faces), *find_chamfers(known, faces, level))
 
 
 def _joined(found: Mapping[int, Blend], known: JointSurfaces, faces: FaceSamples) -> Iterator[Blend]:
@@ -132,51 +83,6 @@ def _joined(found: Mapping[int, Blend], known: JointSurfaces, faces: FaceSamples
         yield from [found[place] for place in places] if whole is None else [whole]
 
 
-class _Contact(NamedTuple):
-    """Centres (n, 3) of balls that touch m faces, which way (n, m, 3) these are, and how centres move (n, 3).
-
-    As the radius grows, metres a metre.
-    """
-
-    centre: FloatArray
-    way: FloatArray
-    by_radius: FloatArray
-
-    def seen(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far points (n, 3) are from their centres, and which way."""
-        step = points - self.centre
-        far = np.linalg.norm(step, axis=1)
-        return far, step / np.maximum(far, 1e-300)[:, None]
-
-    def of(self, used: BoolArray) -> _Contact:
-        """Some of the balls."""
-        return _Contact(*(each[used] for each in self))
-
-    def has(self, points: FloatArray) -> BoolArray:
-        """Which points (n, 3) their ball has between its contacts, as seen from its centre."""
-        square = self.way @ self.way.transpose(0, 2, 1)
-        parts = np.linalg.solve(square, self.way @ self.seen(points)[1][:, :, None])[..., 0]
-        return np.asarray((parts > 0).all(axis=1))
-
-
-def _contact(surfaces: Sequence[Surface], signs: FloatArray, radius: float, start: FloatArray) -> _Contact:
-    """Where a ball touches m faces on the sides `signs` (m,), from near places (n, 3), across the edge.
-
-    Of no radius: where the faces meet. NaN where they do not.
-    """
-    centre = start.copy()
-    for _ in range(_N_STEPS):
-        normal = np.stack([surface.normal(centre) for surface in surfaces], axis=1)
-        off = np.stack([surface.distance(centre) for surface in surfaces], axis=1)
-        square = normal @ normal.transpose(0, 2, 1)
-        square[np.linalg.det(square) < _FLAT] = np.nan
-        lack = np.column_stack([(signs * radius - off)[..., None], np.repeat(signs[None, :, None], len(off), 0)]
-                               ).reshape(len(off), 2, -1).transpose(0, 2, 1)  # fmt: skip
-        step, by_radius = (normal.transpose(0, 2, 1) @ np.linalg.solve(square, lack)).transpose(2, 0, 1)
-        centre = centre + step
-    return _Contact(centre, -signs[:, None] * normal, by_radius)
-
-
 class _RollingBall:
     """Round faces, pieces of one, asked whether they are a blend of others."""
 
@@ -186,7 +92,9 @@ class _RollingBall:
         options = RelationOptions() if graph is None else graph.options
         self._level, self._built_m = options.level, float(options.built_sd[1])
         self._own = np.concatenate([faces.of(place) for place in places])
-        self._spine = _spine(self._at, _spread(self._at, self._own, _N_EDGE))
+        is_ring = self._at.ring_radius > 0
+        along = turns(self._at, self._own) if is_ring else (self._own - self._at.point) @ self._at.direction
+        self._spine = _spine(self._at, spread(self._own, along, _N_EDGE))
 
     def may_touch(self, other: int) -> bool:
         """Whether a face is about as far from all of the spine as its radius."""
@@ -197,17 +105,17 @@ class _RollingBall:
         """The blend of two or three faces; None where it is none, or they do not meet."""
         like = [self._faces.surfaces[k] for k in supports]
         signs = np.array([np.sign(np.median(surface.distance(self._spine))) for surface in like])
-        if np.mean(_contact(like, signs, self._at.radius, self._own).has(self._own)) < _MOST:
+        if np.mean(contact(like, signs, self._at.radius, self._own).has(self._own)) < _MOST:
             return None
         points = self._points(supports)
         radius = self._radius(like, signs, points)
         if radius is None:
             return None
-        contact = _contact(like, signs, radius, points)
-        used = contact.has(points)
-        points, start = points[used], contact.centre[used]
-        far, way = contact.of(used).seen(points)
-        slope = 1 + np.einsum("ij,ij->i", way, contact.by_radius[used])
+        used = contact(like, signs, radius, points).has(points)
+        points = points[used]
+        ball = contact(like, signs, radius, points)
+        far, way = ball.seen(points)
+        slope = 1 + np.einsum("ij,ij->i", way, ball.by_radius)
         weight = slope / float(slope @ slope)
         moves = self._moves(points, way, slope / np.linalg.norm(slope))
         n_free = len(points) - moves.shape[1] - 1
@@ -216,7 +124,7 @@ class _RollingBall:
         noise = self._noise(far - radius - moves @ (moves.T @ (far - radius)), n_free)
 
         def misfit(at: Sequence[Placement]) -> FloatArray:
-            here = _contact(_surfaces(at, like), signs, radius, start).seen(points)[0] - radius
+            here = contact(surfaces_at(at, like), signs, radius, ball.centre).seen(points)[0] - radius
             return np.concatenate([[weight @ here], moves.T @ here])
 
         found = self._known.estimate(supports, misfit)
@@ -237,16 +145,16 @@ class _RollingBall:
         kind: BlendKind = "corner ball" if len(supports) > 2 else "fillet" if sum(outside) > 0 else "round"
         return Blend(
             labels=tuple(names[k] for k in self._places), supports=tuple(names[k] for k in supports),
-            kind=kind, radius_m=radius, sd_m=sd, p=p, edge=edge, edge_covariance=covariance,
+            kind=kind, size_m=radius, sd_m=sd, p=p, edge=edge, edge_covariance=covariance,
         )  # fmt: skip
 
     def _radius(self, surfaces: Sequence[Surface], signs: FloatArray, points: FloatArray) -> float | None:
         """The radius of the ball that fits points (n, 3) best; None where none does."""
         radius = self._at.radius
         for _ in range(_N_ROUNDS):
-            contact = _contact(surfaces, signs, radius, points)
-            far, way = contact.seen(points)
-            slope = np.where(contact.has(points), 1 + np.einsum("ij,ij->i", way, contact.by_radius), 0.0)
+            ball = contact(surfaces, signs, radius, points)
+            far, way = ball.seen(points)
+            slope = np.where(ball.has(points), 1 + np.einsum("ij,ij->i", way, ball.by_radius), 0.0)
             whole = float(slope @ slope)
             step = float(slope @ (far - radius)) / whole if whole > 0 else np.nan
             radius += step
@@ -297,14 +205,10 @@ class _RollingBall:
         start = self._spine[:1] if len(supports) > 2 else self._spine
 
         def meeting(at: Sequence[Placement]) -> FloatArray:
-            return _contact(_surfaces(at, like), signs, 0.0, start).centre.ravel()
+            return contact(surfaces_at(at, like), signs, 0.0, start).centre.ravel()
 
         found, n = self._known.estimate(supports, meeting), len(start)
         return found.value.reshape(n, 3), found.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
-
-
-def _surfaces(at: Sequence[Placement], like: Sequence[Surface]) -> list[Surface]:
-    return [surface_at(one, two) for one, two in zip(at, like, strict=True)]
 
 
 def _spine(at: Placement, points: FloatArray) -> FloatArray:
@@ -314,17 +218,3 @@ def _spine(at: Placement, points: FloatArray) -> FloatArray:
         return np.asarray(at.point + along)
     level = points - at.point - along
     return np.asarray(at.point + at.ring_radius * level / np.linalg.norm(level, axis=1, keepdims=True))
-
-
-def _spread(at: Placement, points: FloatArray, n: int) -> FloatArray:
-    """Points (n, 3), evenly from one end of a spine to the other, out of many."""
-    step = points - at.point
-    along = step @ at.direction
-    if at.ring_radius > 0:
-        angle = np.sort(np.arctan2(step @ at.across[1], step @ at.across[0]))
-        gap = np.diff(angle, append=angle[0] + 2 * np.pi)
-        first = int(np.argmax(gap)) + 1  # the widest gap is where the face ends
-        along = (np.arctan2(step @ at.across[1], step @ at.across[0]) - angle[first % len(angle)]) % (2 * np.pi)
-    order = np.argsort(along, kind="stable")
-    wanted = np.linspace(along[order[0]], along[order[-1]], n)
-    return np.asarray(points[order[np.minimum(np.searchsorted(along[order], wanted), len(order) - 1)]])
