@@ -15,11 +15,11 @@ from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 
 FAMILIES = ("prism", "turned", "block")
-_AREA_MM2 = 0.5  # of which there is one point
+_AREA_MM2 = 0.35  # of which there is one point
 _RADII_MM = (1.0, 8.0)
 _ROUNDED, _KINKED = 0.7, 0.15  # of the edges of prisms and turned parts: blends, and arcs that are none
 _KINK = (1.15, 1.6)  # by which the radius of such an arc is greater than a blend's between the same ends
-_MOST_CUT = 0.38  # of an edge's length, that a blend at one end takes
+_MOST_CUT = 0.3  # of an edge's length, that a blend at one end takes
 _FINE = 200  # chords of an arc where points are told to be inside
 _MM = 1e-3
 

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Blends: round faces on which a ball rolls along two faces, or lies in a corner of three; where these meet.
 
-The centres of a ball that touches faces are as far from each as its radius: cylinders along two planes, tori
-between what turns about one axis, and balls in corners are all told by this. A face is a blend where the
-points of its spine (a cylinder's axis, a torus' ring, a sphere's centre) are so far from its neighbours as
-its own radius says, by the joint covariance of all. A blend of known faces then has one free number, its
-radius, to which its points are fitted; a ball of no radius lies where the faces meet behind the blend.
+A ball that touches faces has its centre as far from each as its radius: cylinders along two planes, tori
+between what turns about one axis, and balls in corners are such. So a blend of known faces has one free
+number, its radius. It is fitted to the points that the ball has between its contacts, whichever face they
+were given to: there errors exchange points of narrow blends and of their faces, and fits to those that a
+face was given are biased. A round face is a blend of its neighbours unless these points say that it lies or
+is turned otherwise (a score test of its other parameters, by their noise and the joint covariance of the
+faces), or that its radius may be none. A ball of no radius lies where the faces meet behind the blend.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from scipy.spatial import cKDTree
 from scipy.special import chdtrc
 
 from completion.parts.dimensions.chamfers import find_chamfers
-from completion.parts.dimensions.contacts import contact, spread, surfaces_at, turns
+from completion.parts.dimensions.contacts import contact, meeting, spread, surfaces_at, turns
 from completion.parts.dimensions.dimension import Blend, BlendKind
 from completion.parts.dimensions.face_samples import FaceSamples
 from completion.parts.dimensions.joint_surfaces import JointSurfaces
@@ -39,7 +41,7 @@ _NEAR = 2.0  # sampling distances from a blend within which its faces' points ma
 
 
 def blends_of(part: RelatedPart) -> tuple[Blend, ...]:
-    """Return the blends of a part, those along edges first, then those in corners.
+    """Return the blends of a part: those along edges first, then those in corners, then chamfers.
 
     Parameters
     ----------
@@ -129,14 +131,15 @@ class _RollingBall:
 
         found = self._known.estimate(supports, misfit)
         sd = float(np.sqrt(found.covariance[0, 0] + noise**2 * (weight @ weight)))
-        spread = found.covariance[1:, 1:] + noise**2 * np.eye(moves.shape[1])
-        spread += self._built_m**2 * moves.T @ moves * len(points)
-        square = float(found.value[1:] @ np.linalg.solve(spread, found.value[1:]))
+        chance = noise**2 + self._built_m**2 * len(points)
+        known = found.covariance[1:, 1:] + chance * np.eye(moves.shape[1])
+        square = float(found.value[1:] @ np.linalg.solve(known, found.value[1:]))
         p = float(chdtrc(moves.shape[1], square))
         is_sharp = chdtrc(1, (radius / sd) ** 2) > self._level
         if p < self._level or is_sharp:
             return None
-        edge, covariance = self._edge(supports, like, signs)
+        start = self._spine[:1] if len(supports) > 2 else self._spine
+        edge, covariance = meeting(self._known, supports, like, start)
         if not np.isfinite(edge).all():
             return None
         names, sides = self._known.part.labels, self._faces.sides
@@ -197,18 +200,6 @@ class _RollingBall:
         exact = _EXACT * self._known.size_m
         fit = self._known.part.measured[self._places[0]]
         return float(max(scatter, self._known.part.noise_m, exact) * np.sqrt(fit.inflation))
-
-    def _edge(
-        self, supports: Sequence[int], like: Sequence[Surface], signs: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Where faces meet (n, 3), and its covariance (n, 3, 3)."""
-        start = self._spine[:1] if len(supports) > 2 else self._spine
-
-        def meeting(at: Sequence[Placement]) -> FloatArray:
-            return contact(surfaces_at(at, like), signs, 0.0, start).centre.ravel()
-
-        found, n = self._known.estimate(supports, meeting), len(start)
-        return found.value.reshape(n, 3), found.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
 
 
 def _spine(at: Placement, points: FloatArray) -> FloatArray:

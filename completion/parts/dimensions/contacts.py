@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from completion.parts.dimensions.joint_surfaces import JointSurfaces
 from completion.relations.equations import Placement, surface_at
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 
-_N_STEPS = 8  # of Newton's method
+_N_STEPS, _STILL_M = 12, 1e-12  # of Newton's method: how many at most, metres from which it has ended
 _FLAT = 1e-6  # squared sine between faces that do not meet
 
 
@@ -50,11 +51,23 @@ def contact(surfaces: Sequence[Surface], signs: FloatArray, radius: float, start
         off = np.stack([surface.distance(centre) for surface in surfaces], axis=1)
         square = normal @ normal.transpose(0, 2, 1)
         square[np.linalg.det(square) < _FLAT] = np.nan
-        lack = np.column_stack([(signs * radius - off)[..., None], np.repeat(signs[None, :, None], len(off), 0)]
-                               ).reshape(len(off), 2, -1).transpose(0, 2, 1)  # fmt: skip
+        lack = np.stack([signs * radius - off, np.broadcast_to(signs, off.shape)], axis=2)
         step, by_radius = (normal.transpose(0, 2, 1) @ np.linalg.solve(square, lack)).transpose(2, 0, 1)
         centre = centre + step
+        if not np.abs(step[np.isfinite(step)]).max(initial=0.0) > _STILL_M:
+            break
     return Contact(centre, -signs[:, None] * normal, by_radius)
+
+
+def meeting(
+    known: JointSurfaces, places: Sequence[int], like: Sequence[Surface], start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where faces by their places meet, from near points (n, 3) on, and the covariance (n, 3, 3) of that."""
+    found = known.estimate(
+        places, lambda at: contact(surfaces_at(at, like), np.ones(len(like)), 0.0, start).centre.ravel()
+    )
+    n = len(start)
+    return found.value.reshape(n, 3), found.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
 
 
 def surfaces_at(at: Sequence[Placement], like: Sequence[Surface]) -> list[Surface]:

@@ -199,7 +199,7 @@ class DatumFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartDimensions:
-    """The dimensions of a part, the frame of its overall sizes, its blends, and why what is missing is missing."""
+    """The dimensions of a part, the frame of its overall sizes, its blends, and why some are missing."""
 
     rows: tuple[PartDimension, ...]
     frame: DatumFrame

@@ -113,8 +113,8 @@ def _opaque(colours: FloatArray) -> FloatArray:
 
 _DRAWN = (
     "hole diameter", "pitch circle diameter", "outer diameter", "thickness", "pitch", "hole depth",
-    "slot width", "fillet radius", "countersink diameter", "cone angle", "angle", "axis distance", "length",
-    "ring diameter", "sphere diameter", "step", "axis to plane", "radius",
+    "slot width", "fillet radius", "chamfer", "countersink diameter", "cone angle", "angle", "axis distance",
+    "length", "ring diameter", "sphere diameter", "step", "axis to plane", "radius",
 )  # fmt: skip
 """Kinds that are drawn beside overall sizes, the most telling first."""
 _MOST_DRAWN = 12
@@ -150,7 +150,8 @@ def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tupl
                 drawn.add(id(row))
                 lines.append(line)
         if lines:
-            pictures.append(_drawn(mesh.colour(seen), seen.hit, lines, title))
+            edges = [] if pictures else _edges_behind(drawing, camera, dimensions)
+            pictures.append(_drawn(mesh.colour(seen), seen.hit, (lines, edges), title))
     return tuple(pictures)
 
 
@@ -182,6 +183,11 @@ def _line(row: PartDimension, drawing: PartDrawing, camera: Camera, seen: SeenFa
     return None
 
 
+def _edges_behind(drawing: PartDrawing, camera: Camera, dimensions: PartDimensions) -> list[FloatArray]:
+    """The edges (n, 2) behind blends of two faces, where these lie in a picture."""
+    return [_projected(drawing, camera, blend.edge)[0] for blend in dimensions.blends if len(blend.edge) > 1]
+
+
 def _overall_lines(drawing: PartDrawing, camera: Camera, dimensions: PartDimensions) -> list[_DrawnLine]:
     """Overall sizes along those edges of the part's box that lie outermost in the picture."""
     axes, rows = dimensions.frame.axes, dimensions.of_kind("overall size")
@@ -206,8 +212,11 @@ def _overall_lines(drawing: PartDrawing, camera: Camera, dimensions: PartDimensi
     return lines
 
 
-def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], title: str) -> Picture:
-    """A picture with dimension lines and their texts beside them, none on another."""
+def _drawn(
+    pixels: FloatArray, hit: BoolArray, drawn: tuple[Sequence[_DrawnLine], Sequence[FloatArray]], title: str
+) -> Picture:
+    """A picture with dimension lines and their texts beside them, none on another; and edges."""
+    lines, edges = drawn
     ends = np.concatenate([line.ends for line in lines])
     shown = np.concatenate([np.argwhere(hit)[:, ::-1] / pixels.shape[1], ends])
     low, high = shown.min(axis=0), shown.max(axis=0)
@@ -225,6 +234,8 @@ def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], titl
         axes.imshow(pixels, extent=extent, interpolation="bilinear", zorder=0)
         axes.set_xlim(left, right)
         axes.set_ylim(bottom, top)
+        for edge in edges:
+            axes.plot(*edge.T, color=theme.ink, linewidth=0.6, linestyle=(0, (6, 3)), zorder=1)
         for line, place, middle in zip(lines, places, middles, strict=True):
             if np.linalg.norm(line.ends[1] - line.ends[0]) > 1e-3:
                 arrow = {"arrowstyle": "<|-|>", "color": theme.ink, "linewidth": 0.9, "mutation_scale": 7}
@@ -251,4 +262,5 @@ def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], titl
             axes.annotate(line.text, place, **look, bbox=ground)
 
     caption = "\u2300 diameter, R radius; 6 \u00d7: of six alike. Intervals and all others are in the table."
+    caption += " Broken lines: where faces meet behind their blends." if edges else ""
     return drawn_plot(draw, (_INCHES, _INCHES * (bottom - top) / width)).picture(title, caption)
