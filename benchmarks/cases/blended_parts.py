@@ -169,7 +169,7 @@ def _prism(build: _Builder) -> None:
         way = last - first
         share = rng.uniform(0, 1, build.count(float(np.linalg.norm(way)) * high))
         place[k] = build.add(Plane([*first, 0], (way[1], -way[0], 0)), lifted(first + share[:, None] * way))
-    for k in np.flatnonzero(outline.radius):
+    for k in np.flatnonzero(outline.radius).tolist():
         n = build.count(outline.radius[k] * outline.sweep(k) * high)
         surface = Cylinder([*outline.centre[k], 0], (0, 0, 1), outline.radius[k])
         _blend(build, outline, k, build.add(surface, lifted(outline.arc(k, rng.uniform(0, 1, n)))), place)
@@ -204,7 +204,7 @@ def _turned(build: _Builder) -> None:
         widest = max(first[0], last[0])
         share = rng.uniform(0, 1, build.count(2 * np.pi * widest * float(np.linalg.norm(way))))
         place[k] = build.add(_revolved(first, last), spun(drawn(first + share[:, None] * way)))
-    for k in np.flatnonzero(outline.radius):
+    for k in np.flatnonzero(outline.radius).tolist():
         ring, tube = float(outline.centre[k, 0]), float(outline.radius[k])
         n = build.count(2 * np.pi * (ring + tube) * tube * outline.sweep(k))
         surface = Torus((0, 0, outline.centre[k, 1]), (0, 0, 1), ring, tube)

@@ -50,7 +50,8 @@ def contact(surfaces: Sequence[Surface], signs: FloatArray, radius: float, start
         normal = np.stack([surface.normal(centre) for surface in surfaces], axis=1)
         off = np.stack([surface.distance(centre) for surface in surfaces], axis=1)
         square = normal @ normal.transpose(0, 2, 1)
-        square[np.linalg.det(square) < _FLAT] = np.nan
+        is_flat = np.linalg.det(square) < _FLAT
+        normal[is_flat], square[is_flat] = np.nan, np.nan
         lack = np.stack([signs * radius - off, np.broadcast_to(signs, off.shape)], axis=2)
         step, by_radius = (normal.transpose(0, 2, 1) @ np.linalg.solve(square, lack)).transpose(2, 0, 1)
         centre = centre + step

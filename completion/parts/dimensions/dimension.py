@@ -179,7 +179,7 @@ class Blend:
     @property
     def edge_sd_m(self) -> FloatArray:
         """Standard deviation (n,) of the edge's points, the worst way across; metres."""
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.edge_covariance)[:, -1], 0.0))
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.edge_covariance)[:, -1], 0.0)))
 
     @property
     def note(self) -> str:

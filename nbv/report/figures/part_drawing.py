@@ -139,7 +139,7 @@ class _DrawnLine(NamedTuple):
 
 def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tuple[Picture, ...]:
     """Return pictures from above and from below with the main dimensions, each drawn where it is seen."""
-    pictures, drawn = [], set[int]()
+    pictures, drawn = list[Picture](), set[int]()
     for height, title in zip(_HEIGHTS_DEG, ("The main dimensions.", "Others, from below."), strict=True):
         camera = drawing.best_camera(height)
         mesh, seen = drawing.look(camera, _SHARP)
