@@ -106,7 +106,7 @@ class _RollingBall:
     def between(self, supports: Sequence[int]) -> Blend | None:
         """The blend of two or three faces; None where it is none, or they do not meet."""
         like = [self._faces.surfaces[k] for k in supports]
-        signs = np.array([np.sign(np.median(surface.distance(self._spine))) for surface in like])
+        signs = self._signs(supports)
         if np.mean(contact(like, signs, self._at.radius, self._own).has(self._own)) < _MOST:
             return None
         points = self._points(supports)
@@ -142,14 +142,24 @@ class _RollingBall:
         edge, covariance = meeting(self._known, supports, like, start)
         if not np.isfinite(edge).all():
             return None
-        names, sides = self._known.part.labels, self._faces.sides
-        outside = [sign * sides[place] for sign, place in zip(signs, supports, strict=True)]
-        outside += [1.0 if self._faces.is_hollow(place) else -1.0 for place in self._places[:1]]
-        kind: BlendKind = "corner ball" if len(supports) > 2 else "fillet" if sum(outside) > 0 else "round"
+        names = self._known.part.labels
+        kind: BlendKind = (
+            "corner ball" if len(supports) > 2 else "fillet" if self._is_outside(supports) else "round"
+        )
         return Blend(
             labels=tuple(names[k] for k in self._places), supports=tuple(names[k] for k in supports),
             kind=kind, size_m=radius, sd_m=sd, p=p, edge=edge, edge_covariance=covariance,
         )  # fmt: skip
+
+    def _signs(self, places: Sequence[int]) -> FloatArray:
+        """On which side (m,) of faces the spine is: 1 along their normals, -1."""
+        surfaces = [self._faces.surfaces[place] for place in places]
+        return np.array([np.sign(np.median(surface.distance(self._spine))) for surface in surfaces])
+
+    def _is_outside(self, supports: Sequence[int]) -> bool:
+        """Whether the spine lies outside the material, by what most of the faces say."""
+        places = [*supports, *self._places]
+        return bool(self._signs(places) @ self._faces.sides[places] > 0)
 
     def _radius(self, surfaces: Sequence[Surface], signs: FloatArray, points: FloatArray) -> float | None:
         """The radius of the ball that fits points (n, 3) best; None where none does."""
@@ -170,13 +180,10 @@ class _RollingBall:
     def _points(self, supports: Sequence[int]) -> FloatArray:
         """Points (n, 3) of the faces, and of supports those so near that errors may exchange them."""
         part = self._known.part
-        own = part.points[np.isin(part.surface, [part.labels[place] for place in self._places])]
-        tree, every = cKDTree(own), [own]
-        for place in supports:
-            points = part.points[part.surface == part.labels[place]]
-            far = tree.query(points, distance_upper_bound=_NEAR * part.spacing_m)[0]
-            every.append(points[np.isfinite(far)])
-        return np.concatenate(every)
+        own, near = (_points_of(part, [part.labels[place] for place in places])
+                     for places in (self._places, supports))  # fmt: skip
+        far = cKDTree(own).query(near, distance_upper_bound=_NEAR * part.spacing_m)[0]
+        return np.unique(np.concatenate([own, near[np.isfinite(far)]]), axis=0)
 
     def _moves(self, points: FloatArray, way: FloatArray, slope: FloatArray) -> FloatArray:
         """Orthonormal ways (n, k) in which distances of points change as the face moves, but for its radius.
@@ -200,6 +207,13 @@ class _RollingBall:
         exact = _EXACT * self._known.size_m
         fit = self._known.part.measured[self._places[0]]
         return float(max(scatter, self._known.part.noise_m, exact) * np.sqrt(fit.inflation))
+
+
+def _points_of(part: RelatedPart, labels: Sequence[int]) -> FloatArray:
+    """Points (n, 3) of surfaces; of a mesh the corners of their triangles, which other surfaces share."""
+    if part.faces is None or part.triangle_surface is None:
+        return part.points[np.isin(part.surface, labels)]
+    return part.points[np.unique(part.faces[np.isin(part.triangle_surface, labels)])]
 
 
 def _spine(at: Placement, points: FloatArray) -> FloatArray:
