@@ -101,7 +101,7 @@ def _holds(blend: Blend, supports: Sequence[Surface]) -> bool:
 
 
 @suite("blends", smallest="--parts 3")
-def blends(split: str = "held-out", parts: int = 27) -> Iterator[str]:
+def blends(split: str = "held-out", parts: int = 18) -> Iterator[str]:
     """Blends of generated parts: found with their faces, radius and edge within two standard deviations."""
     seeds = range(SPLITS[split], SPLITS[split] + parts)
     columns = "found with its faces", "kind right", "radius within 2 sd", "sd, mm", "edge within 2 sd"

@@ -4,6 +4,7 @@
 import csv
 import io
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,7 +22,8 @@ NOISE_MM = 0.02
 POCKET, TURNED, PRISM = 11, 10, 6
 
 
-def modelled(seed, area_mm2=5.0):
+@cache
+def modelled(seed, area_mm2=4.0):
     made = blended_part(seed, NOISE_MM, area_mm2)
     return made, model_part(made.points, made.face + 1, relations=None)
 
