@@ -139,7 +139,7 @@ class _DrawnLine(NamedTuple):
 
 def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tuple[Picture, ...]:
     """Return pictures from above and from below with the main dimensions, each drawn where it is seen."""
-    pictures, drawn = list[Picture](), set[int]()
+    pictures, drawn = [], set[int]()
     for height, title in zip(_HEIGHTS_DEG, ("The main dimensions.", "Others, from below."), strict=True):
         camera = drawing.best_camera(height)
         mesh, seen = drawing.look(camera, _SHARP)
@@ -150,7 +150,7 @@ def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tupl
                 drawn.add(id(row))
                 lines.append(line)
         if lines:
-            edges = [] if pictures else _edges_behind(drawing, camera, dimensions)
+            edges = _edges_behind(drawing, camera, dimensions)
             pictures.append(_drawn(mesh.colour(seen), seen.hit, (lines, edges), title))
     return tuple(pictures)
 
