@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Blends of parts against parts of known radii: of which faces, how large, and where these meet behind them."""
+"""Blends of parts against parts of known radii: of which faces, how large, and where these meet."""
 
 import csv
 import io
@@ -48,7 +48,7 @@ def test_blends_have_their_faces_their_radii_and_the_edges_behind_them(seed, kin
 
 
 def test_points_that_errors_gave_to_the_wrong_face_do_not_bias_a_narrow_radius():
-    """A round of 1.2 mm with noise of 0.1 mm, divided: which face points are given to depends on their errors."""
+    """A round of 1.2 mm with noise of 0.1 mm, divided: errors tell to which face its points are given."""
     z, n, r = [], 350, 0.0012
     for seed in range(2):
         rng = np.random.default_rng(seed)
