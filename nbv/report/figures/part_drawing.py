@@ -150,7 +150,7 @@ def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tupl
                 drawn.add(id(row))
                 lines.append(line)
         if lines:
-            edges = _edges_behind(drawing, camera, dimensions)
+            edges = _edges_behind(drawing, camera, seen, dimensions)
             pictures.append(_drawn(mesh.colour(seen), seen.hit, (lines, edges), title))
     return tuple(pictures)
 
@@ -172,20 +172,31 @@ def _projected(drawing: PartDrawing, camera: Camera, points: FloatArray) -> tupl
 def _line(row: PartDimension, drawing: PartDrawing, camera: Camera, seen: SeenFaces) -> _DrawnLine | None:
     """A dimension where nothing is before one of its ends; None where both are hidden."""
     place, away = _projected(drawing, camera, row.ends)
+    return _DrawnLine(place, symbol_text(row)) if _is_seen(place, away, camera, seen).any() else None
+
+
+def _is_seen(
+    place: FloatArray, away: FloatArray, camera: Camera, seen: SeenFaces, behind: float = 0.0
+) -> BoolArray:
+    """Which places (n, 2) of a picture have nothing before what is `away` (n,) there, but for so much."""
     rows, columns = seen.face.shape
-    for (column, line), far in zip(
-        np.floor(place * columns).astype(np.int64).tolist(), away.tolist(), strict=True
-    ):
-        if 0 <= line < rows and 0 <= column < columns:
-            met = float(np.linalg.norm(seen.points[line, column] - camera.origin))
-            if not seen.hit[line, column] or far < met + _NEAR * _SIZE_M:
-                return _DrawnLine(place, symbol_text(row))
-    return None
+    column, line = np.floor(place * columns).astype(np.int64).T
+    is_inside = (line >= 0) & (line < rows) & (column >= 0) & (column < columns)
+    at = np.clip(line, 0, rows - 1), np.clip(column, 0, columns - 1)
+    met = np.linalg.norm(seen.points[at] - camera.origin, axis=-1)
+    return np.asarray(is_inside & (~seen.hit[at] | (away < met + _NEAR * _SIZE_M + behind)))
 
 
-def _edges_behind(drawing: PartDrawing, camera: Camera, dimensions: PartDimensions) -> list[FloatArray]:
-    """The edges (n, 2) behind blends of two faces, where these lie in a picture."""
-    return [_projected(drawing, camera, blend.edge)[0] for blend in dimensions.blends if len(blend.edge) > 1]
+def _edges_behind(
+    drawing: PartDrawing, camera: Camera, seen: SeenFaces, dimensions: PartDimensions
+) -> list[FloatArray]:
+    """The edges (n, 2) behind blends of two faces in a picture, where the blends are seen; else NaN."""
+    edges = []
+    for blend in dimensions.blends:
+        place, away = _projected(drawing, camera, blend.edge)
+        is_seen = _is_seen(place, away, camera, seen, behind=drawing.scale * blend.size_m)
+        edges.append(np.where(is_seen[:, None], place, np.nan))
+    return edges
 
 
 def _overall_lines(drawing: PartDrawing, camera: Camera, dimensions: PartDimensions) -> list[_DrawnLine]:
