@@ -27,8 +27,8 @@ _PAGE: ContextVar[Path | None] = ContextVar("page", default=None)
 _MODULES = (
     "completion", "ledger", "together", "silence", "dimensions", "buildings", "relations", "panels",
     "room_surfaces", "registration", "alignment", "openings", "holes", "junctions", "evolution",
-    "flattening", "segmentation", "parts", "part_dimensions", "textures", "views", "speed", "free_space",
-    "confidence",
+    "flattening", "segmentation", "parts", "part_dimensions", "blends", "textures", "views", "speed",
+    "free_space", "confidence",
     "hidden_by_other_scans", "online", "bunny", "survey", "paper_study", "walks", "asbuilt", "asbuilt_real",
     "next_stations", "placement", "profiles", "model_meshes", "bulk_scans",
 )  # fmt: skip

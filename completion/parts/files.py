@@ -15,7 +15,7 @@ from completion.flattening.flat import flat_record
 from completion.parts.closing import ClosedPart
 from completion.parts.dimensions.dimension import PartDimensions
 from completion.parts.dimensions.pipeline import dimensions_of
-from completion.parts.dimensions.table import dimension_records, dimensions_csv, frame_record
+from completion.parts.dimensions.table import blend_records, dimension_records, dimensions_csv, frame_record
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
 from completion.parts.part_features import features_of
@@ -87,6 +87,7 @@ def write_part(
         record = part_record(part, flat)
         record["dimensions"] = dimension_records(dimensions)
         record["features"] = [one.record() for one in features_of(part, dimensions, profiles)]
+        record["blends"] = blend_records(dimensions)
         record["datum_frame"] = frame_record(dimensions.frame)
         record["warnings"] = [*record["warnings"], *dimensions.doubts]
         write_text(stage.path("dimensions.csv"), dimensions_csv(dimensions))

@@ -165,35 +165,40 @@ def move_surface(surface: Surface, change: FloatArray) -> Surface:
 
     Its chart goes along. Raises InputError: no such surface is left.
     """
-    if not change.any():
-        return surface
-    at = place(surface, change)
-    if isinstance(surface, Plane):
-        return Plane(at.point, at.direction, surface.u_direction)
-    if isinstance(surface, Sphere):
-        return Sphere(at.point, at.radius, concave=surface.concave)
-    if isinstance(surface, Cylinder):
-        return Cylinder(at.point, at.direction, at.radius, surface.zero_direction, surface.concave)
-    if isinstance(surface, Cone):
+    return surface_at(place(surface, change), surface) if change.any() else surface
+
+
+def surface_at(at: Placement, like: Surface) -> Surface:
+    """Return the surface at a placement, of the kind, side and chart of another.
+
+    Raises InputError: a surface without placements.
+    """
+    if isinstance(like, Plane):
+        return Plane(at.point, at.direction, like.u_direction)
+    if isinstance(like, Sphere):
+        return Sphere(at.point, at.radius, concave=like.concave)
+    if isinstance(like, Cylinder):
+        return Cylinder(at.point, at.direction, at.radius, like.zero_direction, like.concave)
+    if isinstance(like, Cone):
         narrow = max(at.half_angle, _LEAST_HALF_ANGLE)
         return Cone(
             at.point,
             at.direction,
             at.radius,
             narrow,
-            zero_direction=surface.zero_direction,
-            concave=surface.concave,
+            zero_direction=like.zero_direction,
+            concave=like.concave,
         )
-    if isinstance(surface, Torus):
+    if isinstance(like, Torus):
         return Torus(
             centre=at.point,
             direction=at.direction,
             radius=at.ring_radius,
             tube_radius=at.radius,
-            zero_direction=surface.zero_direction,
-            concave=surface.concave,
+            zero_direction=like.zero_direction,
+            concave=like.concave,
         )
-    raise _unknown(surface)
+    raise _unknown(like)
 
 
 ANGLE, LENGTH, RADIUS = 0, 1, 2  # what a row is of

@@ -21,10 +21,11 @@ Kind = Literal[
     "overall size", "hole diameter", "outer diameter", "sphere diameter", "radius", "fillet radius",
     "ring diameter", "tube radius", "cone angle", "countersink diameter", "hole depth", "thickness", "length",
     "slot width", "step", "distance", "axis distance", "axis to plane", "angle", "pitch circle diameter",
-    "start angle", "pitch", "volume", "area",
+    "start angle", "pitch", "chamfer", "volume", "area",
 ]  # fmt: skip
 Unit = Literal["m", "rad", "m2", "m3"]
 Basis = Literal["measured", "relations", "pattern", "bounds"]
+BlendKind = Literal["fillet", "round", "corner ball", "chamfer"]
 
 Measure = Callable[[Sequence[Placement]], float]
 """A number, metres or radians, of surfaces where they are."""
@@ -136,6 +137,60 @@ class PartDimension:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Blend:
+    """A face between two or three others: a ball's way along two, a ball in a corner, or a chamfer.
+
+    Attributes
+    ----------
+    labels : tuple of int
+        Of its surface, or of its pieces.
+    supports : tuple of int
+        Labels of the faces that it lies between.
+    kind : str
+        "fillet" where the ball lies outside the material, "round" where within; "corner ball" of three faces;
+        "chamfer" of a narrow face that cuts an edge off.
+    size_m, sd_m : float
+        Its radius where it touches its faces exactly, of a chamfer the width that it takes of the first; and
+        the standard deviation of that; metres.
+    p : float
+        Probability of a misfit at least so large, if it is a blend.
+    edge : (n, 3) float
+        Along the edge in which the faces meet behind it, as long as it; of a corner the one point. Metres.
+    edge_covariance : (n, 3, 3) float
+        Of these points across the edge, m2.
+    angle : float
+        Between a chamfer and the first of its faces, radians; of others 0.
+    """
+
+    labels: tuple[int, ...]
+    supports: tuple[int, ...]
+    kind: BlendKind
+    size_m: float
+    sd_m: float
+    p: float
+    edge: FloatArray
+    edge_covariance: FloatArray
+    angle: float = 0.0
+
+    @property
+    def interval_m(self) -> tuple[float, float]:
+        """The 95 % interval of its size, metres."""
+        return self.size_m - NORMAL_95 * self.sd_m, self.size_m + NORMAL_95 * self.sd_m
+
+    @property
+    def edge_sd_m(self) -> FloatArray:
+        """Standard deviation (n,) of the edge's points, the worst way across; metres."""
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.edge_covariance)[:, -1], 0.0)))
+
+    @property
+    def note(self) -> str:
+        """What it is, in words: "fillet between 3 and 7"."""
+        *first, last = map(str, self.supports)
+        turned = f" at {np.degrees(self.angle):.1f} deg" if self.angle else ""
+        return f"{self.kind} between {', '.join(first)} and {last}{turned}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DatumFrame:
     """The frame of a part by its main planes and axes: unit vectors (3, 3), rows, and what they are from."""
 
@@ -147,13 +202,15 @@ class DatumFrame:
 class PartDimensions:
     """The dimensions of a part, the frame of its overall sizes, and why what is missing is missing.
 
-    `holes` are those of each place at which it is drilled: of a stepped one its cylinders together.
+    `holes` are those of each place at which it is drilled: of a stepped one its cylinders together. `blends`
+    are its fillets, rounds and chamfers.
     """
 
     rows: tuple[PartDimension, ...]
     frame: DatumFrame
     doubts: tuple[str, ...] = ()
     holes: tuple[tuple[Hole, ...], ...] = ()
+    blends: tuple[Blend, ...] = ()
 
     def of_kind(self, kind: Kind) -> tuple[PartDimension, ...]:
         """Those of a kind, in order."""

@@ -101,6 +101,11 @@ class FaceSamples:
         meets = (count >= _LEAST_BESIDE) & (count.T >= _LEAST_BESIDE)
         return [set(np.flatnonzero(row).tolist()) for row in meets]
 
+    def meet(self, first: int, second: int) -> None:
+        """Faces that meet behind a blend are neighbours."""
+        self.neighbours[first].add(second)
+        self.neighbours[second].add(first)
+
     def reach(self, place: int, direction: FloatArray) -> tuple[float, float]:
         """Least and greatest coordinate of a face along a direction (3,), metres."""
         along = self.of(place) @ direction

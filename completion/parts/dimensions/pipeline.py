@@ -5,7 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
+from completion.parts.dimensions.blends import find_blends
+from completion.parts.dimensions.chamfers import chamfer_rows
 from completion.parts.dimensions.dimension import PartDimension, PartDimensions
 from completion.parts.dimensions.distances import (
     DirectionClass,
@@ -47,13 +50,20 @@ def dimensions_of(part: RelatedPart, *, preferred: bool = True) -> PartDimension
     preferred : bool
         Whether the most probable preferred value of each is told (`completion.parts.dimensions.preferred`).
     """
-    # 1. Look: all surfaces with their joint covariance, points on each face, what is parallel, the frame.
+    # 1. Look: all surfaces with their joint covariance, points on each face, which of them blend others and
+    #    so where these meet, what is parallel, the frame.
     known, faces = JointSurfaces(part), FaceSamples(part)
+    blends = find_blends(known, faces)
+    place = {label: number for number, label in enumerate(part.labels)}
+    for blend in blends:  # behind which its faces meet
+        for first, second in combinations(blend.supports, 2):
+            faces.meet(place[first], place[second])
+    of = {place[label]: blend for blend in blends for label in blend.labels}
     classes = direction_classes(known, faces)
     frame = datum_frame(classes, known)
 
     # 2. Holes: which there are, how they end, which of them are alike and at regular places.
-    items = round_faces(known, faces)
+    items = round_faces(known, faces, of)
     holes = holes_of(items, known, faces)
     sizes = alike(items, known, lambda at: at[0].radius)
     groups = alike_holes(sizes, holes, classes)
@@ -62,7 +72,8 @@ def dimensions_of(part: RelatedPart, *, preferred: bool = True) -> PartDimension
     # 3. Measure: the whole, sizes, distances, angles, depths and patterns; volume and area of a mesh.
     notes = {place: hole.note for place, hole in holes.items() if hole.note}
     rows: list[PartDimension] = list(overall_rows(frame, known, faces))
-    rows += size_rows(sizes, known, faces, notes)
+    rows += size_rows(sizes, known, faces, notes, of)
+    rows += chamfer_rows(blends, known, faces)
     rows += depth_rows(groups, known, faces)
     rows += pattern_rows(patterns, known, faces, frame.axes[0])
     rows += plane_rows(classes, known, faces)
@@ -74,7 +85,7 @@ def dimensions_of(part: RelatedPart, *, preferred: bool = True) -> PartDimension
 
     # 4. Read: what each was meant to be, as a hypothesis.
     read = with_preferred(every) if preferred else tuple(every)
-    return PartDimensions(read, frame, doubts, stepped_holes(holes, classes))
+    return PartDimensions(read, frame, doubts, holes=stepped_holes(holes, classes), blends=blends)
 
 
 def _nodes(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.parts.dimensions.dimension import Kind, Measure, PartDimension
+from completion.parts.dimensions.dimension import Blend, Kind, Measure, PartDimension
 from completion.parts.dimensions.face_samples import FaceSamples
 from completion.parts.dimensions.joint_surfaces import JointSurfaces, grouped
 from completion.relations.equations import Placement
@@ -18,9 +18,8 @@ from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
 _FULL = float(np.radians(200.0))  # that a round face covers, from which its diameter counts, not its radius
-_TANGENT = float(np.cos(np.radians(25.0)))  # of the normals where a fillet meets its neighbour
+_SQUARE = float(np.cos(np.radians(25.0)))  # of a countersink's axis and the normal of its mouth
 _SAME_SD, _EXACT = 4.0, 1e-7  # standard deviations, and share of the part's size, within which two are one
-_LEAST_BORDER = 5  # points of a fillet that are nearest to its neighbour, a quarter of those that are near
 
 
 class RoundFaces(NamedTuple):
@@ -30,11 +29,16 @@ class RoundFaces(NamedTuple):
     kind: Kind
 
 
-def round_faces(known: JointSurfaces, faces: FaceSamples) -> list[RoundFaces]:
-    """The cylinders, spheres and tori of a part, those of one surface together."""
+def round_faces(known: JointSurfaces, faces: FaceSamples, blends: Mapping[int, Blend]) -> list[RoundFaces]:
+    """The cylinders, spheres and tori of a part, those of one surface together; `blends` by their places.
+
+    Blends are known by what they touch, however little of a turn they are.
+    """
     groups: dict[int, list[int]] = {}
     for place, (fit, group) in enumerate(zip(known.part.fits, known.part.groups, strict=True)):
-        if isinstance(fit.surface, Cylinder | Sphere | Torus) and len(faces.of(place)) and is_settled(fit):
+        if not isinstance(fit.surface, Cylinder | Sphere | Torus) or not len(faces.of(place)):
+            continue
+        if is_settled(fit) or place in blends:
             groups.setdefault(group, []).append(place)
 
     def variance(place: int) -> float:
@@ -42,31 +46,20 @@ def round_faces(known: JointSurfaces, faces: FaceSamples) -> list[RoundFaces]:
         return float(by_radius @ known.part.measured[place].covariance @ by_radius)
 
     ordered = [sorted(members, key=lambda place: (variance(place), place)) for members in groups.values()]
-    return [RoundFaces(tuple(members), _kind_of(members, faces)) for members in ordered]
+    return [RoundFaces(tuple(members), _kind_of(members, faces, blends)) for members in ordered]
 
 
-def _kind_of(members: Sequence[int], faces: FaceSamples) -> Kind:
+def _kind_of(members: Sequence[int], faces: FaceSamples, blends: Mapping[int, Blend]) -> Kind:
     surface = faces.surfaces[members[0]]
+    if not blends.keys().isdisjoint(members):
+        return "fillet radius"
     if isinstance(surface, Sphere):
         return "sphere diameter"
     if faces.turn(members) < _FULL:
-        return "fillet radius" if _is_fillet(members, faces) else "radius"
+        return "radius"
     if isinstance(surface, Torus):
         return "tube radius"
     return "hole diameter" if faces.is_hollow(members[0]) else "outer diameter"
-
-
-def _is_fillet(members: Sequence[int], faces: FaceSamples) -> bool:
-    """Whether faces go over smoothly into two others at least."""
-    n_smooth = 0
-    for member in members:
-        for other in faces.neighbours[member] - set(members):
-            border = faces.beside(member, other)
-            if len(border):
-                border = border[: max(len(border) // 4, _LEAST_BORDER)]
-                own, two = (faces.surfaces[place].normal(border) for place in (member, other))
-                n_smooth += bool(np.median(np.abs(np.einsum("ij,ij->i", own, two))) > _TANGENT)
-    return n_smooth >= 2
 
 
 def alike(items: Sequence[RoundFaces], known: JointSurfaces, measure: Measure) -> list[list[RoundFaces]]:
@@ -79,15 +72,22 @@ def alike(items: Sequence[RoundFaces], known: JointSurfaces, measure: Measure) -
 
 
 def size_rows(
-    sizes: Sequence[Sequence[RoundFaces]], known: JointSurfaces, faces: FaceSamples, notes: Mapping[int, str]
-) -> Iterator[PartDimension]:
+    sizes: Sequence[Sequence[RoundFaces]], known: JointSurfaces, faces: FaceSamples, notes: Mapping[int, str],
+    blends: Mapping[int, Blend],
+) -> Iterator[PartDimension]:  # fmt: skip
     """A row for each size: radii of arcs and fillets, diameters of what goes round, rings, cone angles.
 
-    `sizes` are round faces of equal radii together; `notes` say of holes whether they go through.
+    `sizes` are round faces of equal radii together; `notes` say of holes whether they go through. Radii are
+    those of the best known of their blends, where relations do not tell them better.
     """
     for group in sizes:
+        own = [blends[place] for item in group for place in item.places if place in blends]
         said = sorted({notes[item.places[0]] for item in group if item.places[0] in notes})
-        yield _round_row(group[0].kind, group, lambda at: at.radius, (known, faces), ", ".join(said))
+        said += dict.fromkeys(blend.note for blend in own)
+        row = _round_row(group[0].kind, group, lambda at: at.radius, (known, faces), ", ".join(said))
+        best = min(own, key=lambda blend: blend.sd_m, default=None)
+        is_better = best is not None and not row.sd < best.sd_m
+        yield row if best is None or not is_better else replace(row, value=best.size_m, sd=best.sd_m)
     tori = [item for size in sizes for item in size if isinstance(faces.surfaces[item.places[0]], Torus)]
     for group in alike(sorted(tori, key=lambda item: min(item.places)), known, lambda at: at[0].ring_radius):
         yield _round_row("ring diameter", group, lambda at: at.ring_radius, (known, faces))
@@ -141,7 +141,7 @@ def _as_measured(row: PartDimension, places: Sequence[int], known: JointSurfaces
 def _is_mouth(cone: Placement, plane: Placement) -> bool:
     """Whether a cone opens in a plane: it is square to its axis, and crosses it where the cone is wider."""
     is_wide = _mouth_diameter((cone, plane)) > 2 * cone.radius
-    return bool(is_wide and abs(cone.direction @ plane.direction) > _TANGENT)
+    return bool(is_wide and abs(cone.direction @ plane.direction) > _SQUARE)
 
 
 def _mouth_diameter(at: Sequence[Placement]) -> float:

@@ -62,6 +62,24 @@ def _record(row: PartDimension, scale: float) -> dict[str, Any]:
     }
 
 
+def blend_records(dimensions: PartDimensions) -> list[dict[str, Any]]:
+    """Return blends as part.json holds them: metres, degrees; the edge behind each by points in order."""
+    return [
+        {
+            "kind": blend.kind,
+            "surfaces": list(blend.labels),
+            "between": list(blend.supports),
+            "size": blend.size_m,
+            "interval": list(blend.interval_m),
+            "standard_deviation": _finite(blend.sd_m),
+            "angle": float(np.degrees(blend.angle)) if blend.kind == "chamfer" else None,
+            "edge": blend.edge.tolist(),
+            "edge_standard_deviation": blend.edge_sd_m.tolist(),
+        }
+        for blend in dimensions.blends
+    ]
+
+
 def frame_record(frame: DatumFrame) -> dict[str, Any]:
     """Return the frame of the overall sizes as part.json holds it: unit vectors, and where they are from."""
     return {"axes": frame.axes.tolist(), "note": frame.note}

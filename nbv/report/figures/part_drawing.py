@@ -113,8 +113,8 @@ def _opaque(colours: FloatArray) -> FloatArray:
 
 _DRAWN = (
     "hole diameter", "pitch circle diameter", "outer diameter", "thickness", "pitch", "hole depth",
-    "slot width", "fillet radius", "countersink diameter", "cone angle", "angle", "axis distance", "length",
-    "ring diameter", "sphere diameter", "step", "axis to plane", "radius",
+    "slot width", "fillet radius", "chamfer", "countersink diameter", "cone angle", "angle", "axis distance",
+    "length", "ring diameter", "sphere diameter", "step", "axis to plane", "radius",
 )  # fmt: skip
 """Kinds that are drawn beside overall sizes, the most telling first."""
 _MOST_DRAWN = 12
@@ -150,7 +150,8 @@ def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tupl
                 drawn.add(id(row))
                 lines.append(line)
         if lines:
-            pictures.append(_drawn(mesh.colour(seen), seen.hit, lines, title))
+            edges = _edges_behind(drawing, camera, seen, dimensions)
+            pictures.append(_drawn(mesh.colour(seen), seen.hit, (lines, edges), title))
     return tuple(pictures)
 
 
@@ -171,15 +172,31 @@ def _projected(drawing: PartDrawing, camera: Camera, points: FloatArray) -> tupl
 def _line(row: PartDimension, drawing: PartDrawing, camera: Camera, seen: SeenFaces) -> _DrawnLine | None:
     """A dimension where nothing is before one of its ends; None where both are hidden."""
     place, away = _projected(drawing, camera, row.ends)
+    return _DrawnLine(place, symbol_text(row)) if _is_seen(place, away, camera, seen).any() else None
+
+
+def _is_seen(
+    place: FloatArray, away: FloatArray, camera: Camera, seen: SeenFaces, behind: float = 0.0
+) -> BoolArray:
+    """Which places (n, 2) of a picture have nothing before what is `away` (n,) there, but for so much."""
     rows, columns = seen.face.shape
-    for (column, line), far in zip(
-        np.floor(place * columns).astype(np.int64).tolist(), away.tolist(), strict=True
-    ):
-        if 0 <= line < rows and 0 <= column < columns:
-            met = float(np.linalg.norm(seen.points[line, column] - camera.origin))
-            if not seen.hit[line, column] or far < met + _NEAR * _SIZE_M:
-                return _DrawnLine(place, symbol_text(row))
-    return None
+    column, line = np.floor(place * columns).astype(np.int64).T
+    is_inside = (line >= 0) & (line < rows) & (column >= 0) & (column < columns)
+    at = np.clip(line, 0, rows - 1), np.clip(column, 0, columns - 1)
+    met = np.linalg.norm(seen.points[at] - camera.origin, axis=-1)
+    return np.asarray(is_inside & (~seen.hit[at] | (away < met + _NEAR * _SIZE_M + behind)))
+
+
+def _edges_behind(
+    drawing: PartDrawing, camera: Camera, seen: SeenFaces, dimensions: PartDimensions
+) -> list[FloatArray]:
+    """The edges (n, 2) behind blends of two faces in a picture, where the blends are seen; else NaN."""
+    edges = []
+    for blend in dimensions.blends:
+        place, away = _projected(drawing, camera, blend.edge)
+        is_seen = _is_seen(place, away, camera, seen, behind=drawing.scale * blend.size_m)
+        edges.append(np.where(is_seen[:, None], place, np.nan))
+    return edges
 
 
 def _overall_lines(drawing: PartDrawing, camera: Camera, dimensions: PartDimensions) -> list[_DrawnLine]:
@@ -206,8 +223,11 @@ def _overall_lines(drawing: PartDrawing, camera: Camera, dimensions: PartDimensi
     return lines
 
 
-def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], title: str) -> Picture:
-    """A picture with dimension lines and their texts beside them, none on another."""
+def _drawn(
+    pixels: FloatArray, hit: BoolArray, drawn: tuple[Sequence[_DrawnLine], Sequence[FloatArray]], title: str
+) -> Picture:
+    """A picture with dimension lines and their texts beside them, none on another; and edges."""
+    lines, edges = drawn
     ends = np.concatenate([line.ends for line in lines])
     shown = np.concatenate([np.argwhere(hit)[:, ::-1] / pixels.shape[1], ends])
     low, high = shown.min(axis=0), shown.max(axis=0)
@@ -225,6 +245,8 @@ def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], titl
         axes.imshow(pixels, extent=extent, interpolation="bilinear", zorder=0)
         axes.set_xlim(left, right)
         axes.set_ylim(bottom, top)
+        for edge in edges:
+            axes.plot(*edge.T, color=theme.ink, linewidth=0.6, linestyle=(0, (6, 3)), zorder=1)
         for line, place, middle in zip(lines, places, middles, strict=True):
             if np.linalg.norm(line.ends[1] - line.ends[0]) > 1e-3:
                 arrow = {"arrowstyle": "<|-|>", "color": theme.ink, "linewidth": 0.9, "mutation_scale": 7}
@@ -251,4 +273,5 @@ def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], titl
             axes.annotate(line.text, place, **look, bbox=ground)
 
     caption = "\u2300 diameter, R radius; 6 \u00d7: of six alike. Intervals and all others are in the table."
+    caption += " Broken lines: where faces meet behind their blends." if edges else ""
     return drawn_plot(draw, (_INCHES, _INCHES * (bottom - top) / width)).picture(title, caption)
