@@ -9,6 +9,9 @@ from .coverage.measurement import measure_coverage as measure_coverage
 from .coverage.measurement import measure_scan_coverage as measure_scan_coverage
 from .inspection.checking import CheckedDesign as CheckedDesign
 from .inspection.checking import check_design as check_design
+from .online.exploration import Exploration as Exploration
+from .online.exploration import Step as Step
+from .online.planner import Explorer as Explorer
 from .online.planner import PlannerOptions as PlannerOptions
 from .online.planner import explore as explore
 from .plan.plan import Plan as Plan

@@ -15,7 +15,7 @@ Their idea is followed, not their weights and thresholds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.surface_classes import KnownSurfaces
+from nbv.online.exploration import Exploration, Step
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
 from nbv.online.gain import BestView, ExpectedGain, SurfacePrior, best_view
 from nbv.online.limits import RENEWED
@@ -89,23 +90,6 @@ class PlannerOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """One view of the exploration: its pose, and the gain that was expected of it (None for the start)."""
-
-    world_from_sensor: Pose
-    expected_gain_m2: float | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Exploration:
-    """What the planner did: its steps, what it knows in the end, and why it stopped."""
-
-    steps: tuple[Step, ...]
-    voxels: VoxelMap
-    stopped_because: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PlannerState:
     """What the planner knows before it decides.
 
@@ -147,6 +131,110 @@ class Decision:
 
     view: BestView | None = None
     reason: str | None = None
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Explorer:
+    """An exploration, one view at a time: `for step in explorer`; its fields are explained at `explore`.
+
+    What has been explored so far is `explorer.exploration`, also after a loop that was left early.
+    """
+
+    scan: Callable[[Pose], RangeImage]
+    volume: FloatArray
+    start: Pose | None
+    candidates: Candidates
+    sensor: Sensor
+    requirement: Requirement = field(default_factory=Requirement)
+    options: PlannerOptions = field(default_factory=PlannerOptions)
+    given: Sequence[RangeImage] = ()
+    from_outside: bool = False
+    spot_of: Callable[[FloatArray], FloatArray] | None = None
+    further_starts: Sequence[Pose] = ()
+    infer: Callable[[Sequence[RangeImage]], KnownSurfaces] | None = None
+    finished: Callable[[], str | None] | None = None
+    journal: Journal = NO_JOURNAL
+    n_threads: int | None = None
+    progress: Progress | None = None
+    exploration: Exploration = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.start is None and not self.given:
+            raise InputError("without a scan that is given, exploring needs a pose to start from")
+        voxels = VoxelMap.unknown(
+            self.volume, voxel_m=self.options.voxel_m, outside_is_empty=self.from_outside
+        )
+        self.exploration = Exploration(
+            steps=(),
+            voxels=voxels.with_given(self.given, self.sensor, self.options.clearance_m),
+            stopped_because="it has not begun",
+            sensor=self.sensor,
+            requirement=self.requirement,
+            from_outside=self.from_outside,
+            given=tuple(self.given),
+        )
+
+    def __iter__(self) -> Iterator[Step]:
+        """Yield each view after its scan was taken and learned from. Raises InputError: a second time."""
+        if self.exploration.steps:
+            raise InputError("an explorer explores once; make another, with these scans as given")
+        state, options = PlannerState.of(self.exploration.voxels), self.options
+        scans, n_completed, begun_at = list(self.given), 0, list(self.further_starts)
+        spots = None if self.spot_of is None else self.spot_of(self.candidates.positions)
+        poses, expected = ([], None) if self.start is None else ([self.start], None)
+        chosen: BestView | None = None
+        while True:
+            # Scan from the last view, and learn from the scan.
+            if poses:
+                scans.append(self.scan(poses[-1]))
+                state = state.after_scan(scans[-1], self.sensor, options.clearance_m, chosen)
+                step = Step.of(poses[-1], expected, scans[-1], state.voxels, self.requirement.min_cosine)
+                self._learned(state, "the loop was left", step)
+                yield step
+
+            # Complete the scans anew where there are enough new ones.
+            if self.infer is not None and len(scans) >= RENEWED * n_completed:
+                state, n_completed = replace(state, completed=self.infer(scans)), len(scans)
+
+            # Stop where the caller has enough, or the views are spent.
+            if self.progress is not None:
+                self.progress("views", len(poses), options.max_views)
+            reason = self.finished() if self.finished is not None else None
+            if reason is None and len(poses) >= options.max_views:
+                reason = f"the limit of {options.max_views} views is reached"
+            if reason is not None:
+                return self._learned(state, reason)
+
+            # Leave out other heights over spots that have a station.
+            left = self.candidates
+            if self.spot_of is not None and spots is not None and poses:
+                taken = np.array([pose.translation for pose in poses])
+                left = at_chosen_heights(self.candidates, spots, taken, self.spot_of(taken))
+
+            # Choose the next view; stop where none pays.
+            decide = partial(
+                next_view, state, left, poses[-1] if poses else self.given[-1].world_from_sensor,
+                sensor=self.sensor, requirement=self.requirement, options=options, n_threads=self.n_threads,
+            )  # fmt: skip
+            decision = self.journal.step(f"view-{len(poses) + 1:04d}", decide)
+            chosen = decision.view
+            if chosen is None:
+                begun_at = _unknown_starts(begun_at, state.voxels, options)
+                if not begun_at:
+                    return self._learned(state, decision.reason or "")
+                poses.append(begun_at.pop(0))
+                expected = None
+                continue
+            state = state.after_choice(chosen)
+            poses.append(chosen.pose)
+            expected = chosen.gain_m2
+
+    def _learned(self, state: PlannerState, reason: str, *steps: Step) -> None:
+        """Keep what is known now."""
+        all_steps = (*self.exploration.steps, *steps)
+        self.exploration = replace(
+            self.exploration, steps=all_steps, voxels=state.voxels, stopped_because=reason
+        )
 
 
 def explore(
@@ -213,60 +301,32 @@ def explore(
     ------
     InputError
         Neither a start nor scans that are given.
+
+    See Also
+    --------
+    Explorer : the same, one view at a time.
     """
-    if start is None and not given:
-        raise InputError("without a scan that is given, exploring needs a pose to start from")
-    requirement, options = requirement or Requirement(), options or PlannerOptions()
-
-    # What the scans that were taken before say of the volume.
-    voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
-    state = PlannerState.of(voxels.with_given(given, sensor, options.clearance_m))
-    scans, n_completed, begun_at = list(given), 0, list(further_starts)
-    spots = None if spot_of is None else spot_of(candidates.positions)
-    steps = [] if start is None else [Step(start, None)]
-    chosen: BestView | None = None
-    while True:
-        # Scan from the last view, and learn from the scan.
-        if steps:
-            scans.append(scan(steps[-1].world_from_sensor))
-            state = state.after_scan(scans[-1], sensor, options.clearance_m, chosen)
-
-        # Complete the scans anew where there are enough new ones.
-        if infer is not None and len(scans) >= RENEWED * n_completed:
-            state, n_completed = replace(state, completed=infer(scans)), len(scans)
-
-        # Stop where the caller has enough, or the views are spent.
-        if progress is not None:
-            progress("views", len(steps), options.max_views)
-        reason = finished() if finished is not None else None
-        if reason is None and len(steps) >= options.max_views:
-            reason = f"the limit of {options.max_views} views is reached"
-        if reason is not None:
-            return Exploration(tuple(steps), state.voxels, reason)
-
-        # Leave out other heights over spots that have a station.
-        left = candidates
-        if spot_of is not None and spots is not None and steps:
-            taken = np.array([step.world_from_sensor.translation for step in steps])
-            left = at_chosen_heights(candidates, spots, taken, spot_of(taken))
-
-        # Choose the next view; stop where none pays.
-        here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
-        decide = partial(
-            next_view, state, left, here, sensor=sensor, requirement=requirement, options=options,
-            n_threads=n_threads,
-        )  # fmt: skip
-        decision = journal.step(f"view-{len(steps) + 1:04d}", decide)
-        if decision.view is None:
-            begun_at = _unknown_starts(begun_at, state.voxels, options)
-            if not begun_at:
-                return Exploration(tuple(steps), state.voxels, decision.reason or "")
-            chosen = None
-            steps.append(Step(begun_at.pop(0), None))
-            continue
-        chosen = decision.view
-        state = state.after_choice(chosen)
-        steps.append(Step(chosen.pose, chosen.gain_m2))
+    explorer = Explorer(
+        scan=scan,
+        volume=volume,
+        start=start,
+        candidates=candidates,
+        sensor=sensor,
+        requirement=requirement or Requirement(),
+        options=options or PlannerOptions(),
+        given=given,
+        from_outside=from_outside,
+        spot_of=spot_of,
+        further_starts=further_starts,
+        infer=infer,
+        finished=finished,
+        journal=journal,
+        n_threads=n_threads,
+        progress=progress,
+    )
+    for _ in explorer:
+        pass
+    return explorer.exploration
 
 
 def _unknown_starts(starts: list[Pose], voxels: VoxelMap, options: PlannerOptions) -> list[Pose]:

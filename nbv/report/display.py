@@ -18,26 +18,31 @@ from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.inspection.checking import CheckedDesign
+from nbv.online.exploration import Exploration
 from nbv.plan.plan import Plan
 from nbv.report.blocks.page import Gallery, Headline, Page, PageSection, Text
 from nbv.report.check_report import check_page
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.figures.picture import Picture, picture_of, range_colours
+from nbv.report.scans_report import scan_coverage_page
 from nbv.run.showing import register
 from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.scans.scan_coverage import cover_by_scans
+from nbv.scans.scan_map import ScanMap
+from nbv.scans.state_mesh import StateMesh
 from scenes.checks import InputError
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 from scenes.scan.thumbnail import upright
-from scenes.world.scene import Scene
+from scenes.world.scene import Mode, Scene
 
 _FRAME_PX = 720  # height of a report in a notebook
 
 
 def show(
-    thing: Plan | Coverage | Completion | CheckedDesign | RangeImage,
+    thing: Plan | Coverage | Completion | CheckedDesign | Exploration | RangeImage,
     scene: Scene | None = None,
     stations: Sequence[View] | Sequence[RangeImage] = (),
     *,
@@ -51,7 +56,7 @@ def show(
 
     Parameters
     ----------
-    thing : Plan, Coverage, Completion, CheckedDesign or RangeImage
+    thing : Plan, Coverage, Completion, CheckedDesign, Exploration or RangeImage
         What to report on.
     scene : Scene, optional
         What a plan or a coverage is of; these need it.
@@ -102,10 +107,12 @@ def _page_of(
         return scan_page(thing)
     if isinstance(thing, CheckedDesign):
         return check_page(thing, title or thing.findings.design.name, n_threads=n_threads)
+    if isinstance(thing, Exploration):
+        return _exploration_page(thing, title or "Exploration", n_threads)
     if not isinstance(thing, Plan | Coverage):
         raise InputError(
             f"there is no report of a {type(thing).__name__}; "
-            "show a Plan, a Coverage, a Completion, a CheckedDesign or a RangeImage"
+            "show a Plan, a Coverage, a Completion, a CheckedDesign, an Exploration or a RangeImage"
         )
     if scene is None:
         kind = type(thing).__name__.lower()
@@ -159,6 +166,17 @@ def _show_inline(path: Path) -> bool:
     display: Any = sys.modules["IPython.display"]
     display.display(display.HTML(f"<div>{frame}</div>"))
     return True
+
+
+def _exploration_page(thing: Exploration, title: str, n_threads: int | None) -> Page:
+    """The report of what the scans of an exploration measured, and where the unknown begins."""
+    scans = [*thing.given, *thing.scans]
+    if not any(scan.valid.any() for scan in scans):
+        raise InputError("the exploration has no scan with a return yet; take one before it is shown")
+    mode: Mode = "object" if thing.from_outside else "room"
+    scan_map = ScanMap.of(scans, thing.sensor, mode=mode, requirement=thing.requirement)
+    coverage = cover_by_scans(scan_map, thing.requirement)
+    return scan_coverage_page(coverage, StateMesh.of(coverage), thing.sensor, title, n_threads)
 
 
 def scan_page(scan: RangeImage) -> Page:
