@@ -188,12 +188,11 @@ class _Choice:
 class Within:
     """Candidates chosen within a budget, in the order of their choice.
 
-    `weight` is what they cover, and no choice within the budget covers more than `most`; they take `spent_s`.
+    `weight` is what they cover, and they take `spent_s`.
     """
 
     chosen: tuple[int, ...]
     weight: float
-    most: float
     spent_s: float
 
 
@@ -237,8 +236,7 @@ def choose_within(
             ways[-1].add(seed)
     ways = [filled for way in ways for filled in way.filled(budget_s)]
     best = _improved(max(ways, key=lambda way: way.weight), budget_s, rng)
-    most = most_of(instance, costs.most_stations(budget_s), max(len(best.chosen), 1), best.weight)
-    return Within(tuple(best.chosen), best.weight, max(most, best.weight), best.spent_s)
+    return Within(tuple(best.chosen), best.weight, best.spent_s)
 
 
 def _improved(best: _Choice, budget_s: float, rng: np.random.Generator) -> _Choice:

@@ -15,7 +15,7 @@ import numpy as np
 
 from nbv.cover.dual import reduce_instance
 from nbv.cover.instance import CoverInstance
-from nbv.cover.within import SiteCosts, Within, choose_within
+from nbv.cover.within import SiteCosts, Within, choose_within, most_of
 from nbv.plan.problem import PlanningProblem
 from nbv.plan.site_time import COARSER, coarser, places_of, site_time
 from nbv.scanning.sensor import Sensor, View
@@ -30,10 +30,11 @@ _SETTLED = 0.02  # share by which times may change from one choice to the next
 
 def choose_in_time(
     problem: PlanningProblem, instance: CoverInstance, first: Sequence[int], rng: np.random.Generator
-) -> Within:
+) -> tuple[Within, float]:
     """Choose the candidates that meet the requirement on most area within the budget of `problem.pace`.
 
-    `first` are chosen already, and what they meet has no weight in `instance`.
+    Return them, and the area in square metres that no choice within the budget exceeds. `first` are chosen
+    already, and what they meet has no weight in `instance`.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def choose_in_time(
     place = places_of(positions)
     at = np.unique(place, return_index=True)[1]
     straight = np.linalg.norm(positions[at][:, None] - positions[at], axis=2) / pace.walk_m_s
-    finest, best, bend, most = scan_s, None, 1.0, None
+    finest, best, bend = scan_s, None, 1.0
     may = [coarser(sensor, factor) for factor in (COARSER if _steps_matter(problem) else ())]
     least_s = min(pace.scan_s(one, sensor) or finest for one in (sensor, *may) if one is not None)
     for stream in rng.spawn(_TRIES):
@@ -64,7 +65,6 @@ def choose_in_time(
         found = choose_within(fewer, costs, budget_s, first=given, rng=stream)
         if not found.chosen:
             break
-        most = found.most if most is None else most  # with straight ways, which no real ones are shorter than
         poses = [problem.candidates.pose(int(useful[k])) for k in found.chosen]
         views = [View(pose, own) for pose, own in zip(poses, steps_of(problem, poses), strict=True)]
         tour = problem.tour(poses, first=0 if first else None)
@@ -72,9 +72,7 @@ def choose_in_time(
         if time is None or time.scans_s is None:
             break
         if time.total_s <= budget_s and (best is None or found.weight > best.weight):
-            best = replace(
-                found, most=most, chosen=tuple(useful[list(found.chosen)].tolist()), spent_s=time.total_s
-            )
+            best = replace(found, chosen=tuple(useful[list(found.chosen)].tolist()), spent_s=time.total_s)
         line = sum(
             float(np.linalg.norm(poses[a].translation - poses[b].translation))
             for a, b in pairwise(tour.order)
@@ -87,7 +85,10 @@ def choose_in_time(
         scan_s = needed
     if best is None:
         raise InputError(f"no station fits into {pace.budget_min:g} min; give a larger --budget")
-    return best
+    each = np.full(len(useful), finest)
+    shortest = SiteCosts(each, place, straight, 60 * pace.set_up_min, least_s)  # no real way is shorter
+    n_most = shortest.most_stations(budget_s)
+    return best, max(most_of(fewer, n_most, len(best.chosen), best.weight), best.weight)
 
 
 def steps_of(problem: PlanningProblem, poses: Sequence[Pose]) -> list[Sensor]:

@@ -119,12 +119,11 @@ def _plan_in_time(
 ) -> Plan:
     """Return the plan that measures most within the time on site, and how much any could."""
     rng = np.random.default_rng(rng)
-    found, n_tries = choose_in_time(problem, instance, begun, rng.spawn(1)[0]), 0
-    most = found.most
+    (found, most), n_tries = choose_in_time(problem, instance, begun, rng.spawn(1)[0]), 0
     while (left := _at_one_height(problem, instance, list(found.chosen), n_tries)) is not None:
         n_tries += 1
         instance = left
-        found = choose_in_time(problem, instance, begun, rng.spawn(1)[0])
+        found, _ = choose_in_time(problem, instance, begun, rng.spawn(1)[0])
     chosen = [*begun, *by_gain(instance, [c for c in found.chosen if c not in begun])]
     _add_all(problem, run, chosen[len(begun) :])
     stations = plan_stations(

@@ -284,6 +284,7 @@ def test_plan_writes_what_the_contract_names(plan):
     assert set(written) == {
         "method", "sensor", "requirement", "seed", "n_candidates", "views", "coverage", "lower_bound",
         "stopped_because", "inference", "resumed_from", "region", "keep_out", "rooms", "platforms",
+        "time", "lost_if_blocked", "most_in_time",
         "baselines", "rules",
     }  # fmt: skip
     assert list(written["baselines"]) == ["random", "farthest-point", "visibility-only greedy", "greedy"]
