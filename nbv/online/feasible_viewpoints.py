@@ -137,18 +137,6 @@ def has_floor_support(voxels: VoxelMap, positions: FloatArray) -> BoolArray:
     return np.asarray((cell >= 0) & known & (down <= TALLEST_M))
 
 
-def floor_level(voxels: VoxelMap) -> float | None:
-    """Height at which the largest area of seen surface faces upwards, metres; None where none does."""
-    surfels = voxels.surfels
-    upward = surfels.sides == UPWARD
-    if not upward.any():
-        return None
-    height = surfels.points[upward, 2]
-    layer = np.floor((height - voxels.grid.origin[2]) / voxels.grid.voxel_m).astype(np.int64)
-    area = np.bincount(layer, surfels.areas[upward])
-    return float(np.median(height[layer == int(np.argmax(area))]))
-
-
 def _first_below(voxels: VoxelMap) -> NDArray[np.int64]:
     """For each voxel the number of the first that is not empty, itself or straight below; -1 for none."""
     solid = (voxels.labels != EMPTY).reshape(voxels.grid.shape)
