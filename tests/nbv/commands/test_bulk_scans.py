@@ -131,7 +131,7 @@ def files_in(folder):
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize("out", ["whole.e57", "files"])
+@pytest.mark.parametrize("out", ["whole.e57", pytest.param("files", marks=pytest.mark.long)])
 def test_parts_on_any_number_of_threads_and_workers_give_the_same_bytes(place, out):
     """Two parts leave nothing but what the run without a part puts in place, without scanning."""
     more = () if out.endswith("e57") else ("--format", "e57")
@@ -172,7 +172,7 @@ app(sys.argv[1:])
 """
 
 
-@pytest.mark.parametrize("out", ["whole.e57", "files"])
+@pytest.mark.parametrize("out", ["whole.e57", pytest.param("files", marks=pytest.mark.long)])
 def test_a_run_that_was_killed_goes_on_and_ends_with_the_same_bytes(place, out):
     more = () if out.endswith("e57") else ("--format", "e57")
     one, other = place / "one", place / "other"
