@@ -73,7 +73,8 @@ def dimensions_of(part: RelatedPart, *, preferred: bool = True) -> PartDimension
     notes = {place: hole.note for place, hole in holes.items() if hole.note}
     rows: list[PartDimension] = list(overall_rows(frame, known, faces))
     rows += size_rows(sizes, known, faces, notes, of)
-    rows += chamfer_rows(blends, known, faces)
+    sunk = {label for row in rows if row.kind == "countersink diameter" for label in row.surfaces}
+    rows += chamfer_rows([one for one in blends if sunk.isdisjoint(one.labels)], known, faces)
     rows += depth_rows(groups, known, faces)
     rows += pattern_rows(patterns, known, faces, frame.axes[0])
     rows += plane_rows(classes, known, faces)

@@ -90,6 +90,8 @@ def test_a_countersunk_ring_has_its_diameters_in_the_frame_of_its_file():
     found = {kind: 1000 * only(dimensions, kind).value for kind in ("countersink diameter", "hole diameter")}
     assert found == pytest.approx({"countersink diameter": 14.0, "hole diameter": 9.0}, abs=1e-6)
     assert np.degrees(only(dimensions, "cone angle").value) == pytest.approx(90.0, abs=1e-6)
+    assert [blend.kind for blend in dimensions.blends] == ["chamfer"]
+    assert not dimensions.of_kind("chamfer")  # it is the countersink
     assert 1e9 * only(dimensions, "volume").value == pytest.approx(
         np.pi * (900 * 10 - 4.5**2 * 7.5 - 2.5 / 3 * (49 + 31.5 + 4.5**2)), rel=1e-6
     )
