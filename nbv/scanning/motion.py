@@ -112,11 +112,8 @@ def read_track(path: Path) -> Track:
     """
     try:
         return Track.of(*read_timed_poses(path))
-    except InputError as error:
-        try:
-            found = read_trajectory(path)
-        except InputError:
-            raise error from None
+    except InputError:
+        found = read_trajectory(path)  # knows TUM lines too, and says what is wrong
         return Track.level(found.times, found.places)
 
 

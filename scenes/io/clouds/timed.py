@@ -32,7 +32,9 @@ def write_timed(parts: Iterable[TimedPoints], path: Path, *, about: FloatArray, 
     with atomic_path(path) as target:
         n = _write_text(parts, target) if suffix == ".csv" else _write_las(parts, target, about, full_light)
         if not n:
-            raise InputError(f"{path}: nothing was measured along the track; does it lead through the scene?")
+            raise InputError(
+                "nothing was measured along the track; does it lead through the scene, in metres?"
+            )
     return n
 
 
