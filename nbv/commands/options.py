@@ -423,6 +423,8 @@ class PlanOptions:
             raise typer.BadParameter(
                 "--budget is for plans of a known scene, without --infer and --overlap: add --method cover"
             )
+        if self.pace.budget_min is not None and search.views is not None:
+            raise typer.BadParameter("give --budget or --views, not both")
 
     def request(self) -> ScanRequest:
         """Return the scans that were taken before; beside a scene `units` and `up` are the scene's."""

@@ -300,6 +300,8 @@ def plan_views(
     _check_request(method, target, views, mode=mode, infer=infer, overlap=overlap, remote=remote)
     if pace.budget_min is not None and (method != "cover" or infer or overlap is not None):
         raise InputError("a budget is for plans of a known scene, without infer and overlap: method cover")
+    if pace.budget_min is not None and views is not None:
+        raise InputError("give a budget or a number of views, not both")
     check_rng(rng)
     scene = _as_scene(scene, mode)
     mode = mode or scene.mode

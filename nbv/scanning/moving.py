@@ -29,7 +29,7 @@ from scenes.world.scene import Scene
 
 EXACT = TrackErrors()
 """A track that is reported as it is."""
-_MOST_TURNS = 1_000_000
+_MOST_POSES = 1_000_000  # of a track that is reported
 _STEP_S = 0.1  # between the poses of tracks that are reported, at most
 
 
@@ -83,17 +83,21 @@ def moving_scan(
     Raises
     ------
     InputError
-        A rate that is not positive or not known, more than a million turns, unknown noise.
+        A rate that is not positive or not known, a track of more than a million poses, unknown noise.
     """
     rate = rate_hz or (None if sensor.scan_time_s is None else 1 / sensor.scan_time_s)
     if rate is None or not rate > 0:
         raise InputError(
             f"how often {sensor.name} turns is not known: its profile has no points_per_s; give --rate"
         )
-    if track.seconds * rate > _MOST_TURNS:
-        raise InputError(f"{track.seconds * rate:.3g} turns are more than {_MOST_TURNS:,}; give a lower rate")
+    step_s = min(_STEP_S, 1 / rate)
+    if track.seconds / step_s > _MOST_POSES:
+        raise InputError(
+            f"the track lasts {track.seconds:.3g} s; at {rate:g} turns a second that is more than "
+            f"{_MOST_POSES:,} poses: are its times in seconds? Else give a part of it, or a lower rate"
+        )
     effects = with_returns(chosen_effects(sensor, noise), returns)
-    track = track.denser(min(_STEP_S, 1 / rate))
+    track = track.denser(step_s)
     reported = errors.reported(track, np.random.default_rng(rng))
     return MovingScan(sensor, effects, track, reported=reported, rate_hz=rate, errors=errors)
 

@@ -63,6 +63,8 @@ def test_a_budget_is_kept_and_the_bound_holds(whole) -> None:
     assert within.coverage.met <= within.most_in_time <= 1.1 * within.coverage.met
     with pytest.raises(InputError, match="less than one station takes"):
         planned(pace=SitePace(budget_min=1, set_up_min=3))
+    with pytest.raises(InputError, match="not both"):
+        planned(pace=SitePace(budget_min=30.0), views=3)
     with pytest.raises(InputError, match="points_per_s: give --scan-time"):
         planned(sensor=replace(SENSOR, points_per_s=None), pace=SitePace(budget_min=30.0))
 

@@ -131,6 +131,10 @@ def test_tracks_that_make_no_sense_are_refused(tmp_path) -> None:
         Track.of([0.0, 0.0], [Pose.identity()] * 2)
     with pytest.raises(InputError, match="two times or more"):
         Track.of([0.0], [Pose.identity()])
+    ages = Track.level(np.array([0.0, 1e9]), np.array([[0.0, 0, 1], [1.0, 0, 1]]))
+    for rate in (10.0, 1e-6):
+        with pytest.raises(InputError, match="are its times in seconds"):
+            moving_scan(LIDAR, ages, rate_hz=rate)
     (tmp_path / "no.txt").write_text("1 2\n")
     with pytest.raises(InputError, match=r"no\.txt"):
         read_track(tmp_path / "no.txt")
