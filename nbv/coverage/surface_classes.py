@@ -13,7 +13,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
+from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
@@ -27,6 +29,8 @@ from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
 from scenes.mesh.triangle_distance import distances
 from scenes.scan.range_image import RangeImage
 
+SURE = 0.9
+_CONTINUED_M = 3.0  # how far surfaces are asked whether they go on
 _MAX_CELLS = 40_000  # of a surface: places a few centimetres apart are told apart in a room
 
 
@@ -34,11 +38,13 @@ _MAX_CELLS = 40_000  # of a surface: places a few centimetres apart are told apa
 class KnownSurfaces:
     """Surfaces that completion finds in some scans, measured and inferred.
 
-    A surface is known where its fit has a standard deviation of no more than `max_sd_m`, metres.
+    A surface is known where its fit has a standard deviation of no more than `max_sd_m`, metres, and inferred
+    surface where it is there with a probability of `min_confidence` or more.
     """
 
     completion: Completion
     max_sd_m: float
+    min_confidence: float = SURE
 
     @classmethod
     def of(
@@ -75,7 +81,7 @@ class KnownSurfaces:
 
     def on_inferred(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
         """Tell which points (n, 3) lie on inferred surface; parameters as for `on_modelled`."""
-        return self._lie_on(points, normals, close_m, lambda patch: patch.hypothesised)
+        return self._lie_on(points, normals, close_m, self._sure)
 
     def inferred_mesh(self) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
         """Inferred surface: vertices (n, 3) in world coordinates, faces (m, 3), confidence (m,) of each."""
@@ -91,6 +97,41 @@ class KnownSurfaces:
         vertices = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)])
         world = self.completion.world_from_reference.apply(vertices)
         return world, np.concatenate([np.zeros((0, 3), np.int32), *faces]).astype(np.int32)
+
+    def inferred_points(self, spacing_m: float) -> tuple[FloatArray, FloatArray]:
+        """Points (n, 3) in world coordinates of inferred surface, about so far apart; confidence (n,)."""
+        vertices, faces, confidence = self.inferred_mesh()
+        corners = vertices[faces]
+        edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+        n = np.maximum(np.ceil(edge / spacing_m), 1).astype(np.int64)
+        points, sure = [corners.mean(axis=1)], [confidence]
+        for k in np.unique(n[n > 1]):
+            few, (i, j) = n == k, np.nonzero(np.add.outer(np.arange(k), np.arange(k)) < k)
+            weights = np.column_stack([i, j, k - 1 - i - j]) / max(k - 1, 1)
+            points.append(np.einsum("kc,ncd->nkd", weights, corners[few]).reshape(-1, 3))
+            sure.append(np.repeat(confidence[few], len(weights)))
+        return np.concatenate(points), np.concatenate(sure)
+
+    def continued_points(self, spacing_m: float) -> tuple[FloatArray, FloatArray]:
+        """Where measured surfaces may go on and no scan tells: points (n, 3), world, about so far apart.
+
+        The second array (n,) says how far each lies from what was measured of its surface, metres.
+        """
+        world, points, away = self.completion.world_from_reference, [np.zeros((0, 3))], [np.zeros(0)]
+        for patch in self.completion.patches:
+            free = np.isin(patch.evidence.labels, (Label.FREE, Label.VISIBLE))
+            cells = patch.is_within & ~(patch.observed | patch.hypothesised | free)
+            step = max(int(spacing_m / patch.grid.cell.max()), 1)
+            distance = distance_transform_edt(~patch.observed, sampling=patch.grid.cell[::-1])
+            few = np.flatnonzero(cells & (distance <= _CONTINUED_M))
+            rows, columns = np.divmod(few, patch.grid.shape[1])
+            few = few[(rows % step == 0) & (columns % step == 0)]
+            points.append(world.apply(patch.grid.centres()[few]))
+            away.append(distance.ravel()[few])
+        return np.concatenate(points), np.concatenate(away)
+
+    def _sure(self, patch: Patch) -> BoolArray:
+        return patch.hypothesised & (patch.confidence >= self.min_confidence)
 
     def _exact(self, patch: Patch) -> BoolArray:
         return patch.observed & (patch.spread <= self.max_sd_m)
@@ -181,8 +222,8 @@ def shares_of(
     )
     areas = samples.areas[reachable]
     reached = float(areas[classes[reachable] != UNKNOWN].sum() / areas.sum()) if len(areas) else 1.0
-    vertices, faces, _ = completed.inferred_mesh()
-    corners = vertices[faces]
+    vertices, faces, confidence = completed.inferred_mesh()
+    corners = vertices[faces[confidence >= completed.min_confidence]]
     area = triangle_areas(corners)
     right = distances(corners.mean(axis=1), truth.corners) <= CLOSE_M
     claimed, true = float(area.sum()), float(area[right].sum())

@@ -1,185 +1,380 @@
 # SPDX-License-Identifier: MIT
 """Expected gain: how much new surface a view into unknown space is expected to find.
 
-A ray that enters unknown space is followed until it meets what is known. Inferred surface may be missing (an
-opening): it is new with the probability that it is not there. Measured surface met from its front tells
-nothing new. Where a ray meets measured surface from the rear, or meets nothing, unknown surface lies before.
+A ray is followed through the voxels, and may meet surface where:
+
+* it crosses inferred surface, with the confidence of that; what counts as known is not new;
+* it crosses the continuation of a measured surface to where no scan looked, with a probability by how far
+  that is from what was measured;
+* it passes unknown space, at a constant rate a metre (a Poisson process), by the side it goes towards;
+* it leaves the volume unmet, with a probability by side.
+
+The probabilities are shares of what the rays of the scans so far have met; later scans count more, for what
+is left unknown changes. Measured surface that is met from its front tells nothing new; from its rear it has
+an unseen front before it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.gain import ViewEvaluation, cell_directions
-from nbv.online.limits import FLATTEST, FLATTEST_EXPECTED, INTO_M, TRUSTED_RAYS
+from nbv.online.limits import CONTINUED_M, FLATTEST, FLATTEST_EXPECTED, REMEMBERED, TRUSTED_RAYS
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
-from nbv.online.voxels import VoxelGrid
+from nbv.online.voxels import UPWARD, VoxelGrid
 from scenes.checks import BoolArray, FloatArray
-from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
+from texture.engine.compiled import compiled
 
 _CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
+_EMPTY, _UNKNOWN, _SKIN, _SURFACE = range(4)  # kinds of voxels; skin: unknown ones beside known surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfacePrior:
-    """How likely a ray that meets nothing known is to meet surface before it leaves the volume.
+    """How likely a ray is to meet surface: what rays 2.8 deg apart passed, and what of it they met.
 
-    `trust` (6,) is that for each side (+x, +y, +z, -x, -y, -z) by which the ray would leave.
+    Attributes
+    ----------
+    metres, surfaces : (6,) float
+        Unknown space that rays passed, metres, and surfaces met there, by the side (+x, +y, +z, -x, -y, -z)
+        by which they would leave the volume.
+    left, stopped : (6,) float
+        Rays that came as far as that side through unknown space, and those that met surface on it.
+    crossed, met : (5,) float
+        Crossings of continued surface by `CONTINUED_M`, and those that met it there; 0 is no such surface.
     """
 
-    trust: FloatArray
+    metres: FloatArray
+    surfaces: FloatArray
+    left: FloatArray
+    stopped: FloatArray
+    crossed: FloatArray
+    met: FloatArray
 
     @classmethod
     def none(cls) -> SurfacePrior:
-        """Return the prior before any look: the volume is closed on every side."""
-        return cls(np.ones(6))
+        """Return the prior before any scan: even chances, as if `TRUSTED_RAYS` rays had shown them."""
+        rays, sides, bins = TRUSTED_RAYS, np.ones(6), np.ones(len(CONTINUED_M) + 1)
+        return cls(
+            rays * sides, rays / 2 * sides, rays * sides, rays / 2 * sides, rays * bins, rays / 2 * bins
+        )
 
-    def after(self, scan: RangeImage, predicted: ViewEvaluation, grid: VoxelGrid) -> SurfacePrior:
-        """Return the prior updated by a scan whose rays into the unknown were `predicted`."""
-        pixels = scan.pixels(scan.origin + predicted.offsets)
-        seen = np.flatnonzero((predicted.side >= 0) & np.isfinite(pixels).all(axis=1))
-        row, column = np.rint(pixels[seen]).astype(np.int64).T
-        met = grid.index_of(scan.points()[row, column]) >= 0
-        n_looked = np.bincount(predicted.side[seen], minlength=6)
-        n_met = np.bincount(predicted.side[seen], met, minlength=6)
-        return SurfacePrior((TRUSTED_RAYS * self.trust + n_met) / (TRUSTED_RAYS + n_looked))
+    def rate_per_m(self) -> FloatArray:
+        """Surfaces a metre (6,) of unknown space, by side."""
+        return np.asarray(self.surfaces / self.metres)
+
+    def trust(self) -> FloatArray:
+        """Probability (6,) of surface on each side of the volume."""
+        return np.asarray(self.stopped / self.left)
+
+    def continues(self) -> FloatArray:
+        """Probability (5,) that a surface goes on so far past what was measured of it."""
+        return np.asarray(self.met / self.crossed)
+
+    def after(self, scan: RangeImage, space: UnknownSpace) -> SurfacePrior:
+        """Return the prior updated by a scan of a `space` as it was known before."""
+        rays, _ = _directions()
+        pixels = scan.pixels(scan.origin + rays)
+        looked = np.isfinite(pixels).all(axis=1)
+        row, column = np.rint(pixels[looked]).astype(np.int64).T
+        ranges = np.where(np.isfinite(scan.ranges), scan.ranges, np.inf)[row, column]
+        counts = [REMEMBERED * getattr(self, field.name) for field in fields(self)]
+        grid = space.grid
+        _tally(
+            scan.origin, rays[looked], ranges, grid.origin, grid.shape, grid.voxel_m, space.kind,
+            space.confidence, space.continued, *counts,
+        )  # fmt: skip
+        return SurfacePrior(*counts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnknownSpace:
+    """A map after completion of its scans, prepared for rays.
+
+    Attributes
+    ----------
+    grid : VoxelGrid
+        The voxels.
+    kind : (n_voxels,) int8
+        Empty, unknown, unknown beside known surface, or surface.
+    confidence : (n_voxels,) float
+        Probability of inferred surface in unknown voxels, 0 where none is inferred.
+    counts : (n_voxels,) bool
+        Whether inferred surface there counts as known.
+    continued : (n_voxels,) int8
+        In unknown voxels where a measured surface may go on, 1 and more by how far: see `CONTINUED_M`.
+    outdoors : (columns,) bool
+        Columns of voxels known to be empty down to the bottom of the volume, or up to its top over no floor:
+        what is seen through them bounds no room.
+    first, normals : (n_voxels + 1,) int64, (m, 3) float
+        Where the measured normals of each voxel begin, and these.
+    """
+
+    grid: VoxelGrid
+    kind: NDArray[np.int8]
+    confidence: FloatArray
+    counts: BoolArray
+    continued: NDArray[np.int8]
+    outdoors: BoolArray
+    first: NDArray[np.int64]
+    normals: FloatArray
+
+    @classmethod
+    def of(cls, voxels: VoxelMap, completed: KnownSurfaces | None = None) -> UnknownSpace:
+        """Return the unknown space of a map; without completion nothing is inferred."""
+        grid, surfels, n = voxels.grid, voxels.surfels, voxels.grid.n_voxels
+        seen, confidence, continued = voxels.labels == SEEN, np.zeros(n), np.zeros(n, np.int8)
+        unknown = ~seen & (voxels.labels != EMPTY)
+        if completed is not None:
+            at, sure = _within(grid, *completed.inferred_points(grid.voxel_m / 2))
+            np.maximum.at(confidence, at, sure)
+            at, away = _within(grid, *completed.continued_points(grid.voxel_m / 2))
+            order = np.argsort(-away, kind="stable")
+            continued[at[order]] = 1 + np.searchsorted(CONTINUED_M[:-1], away[order])
+        confidence[~unknown], continued[~unknown | (confidence > 0)] = 0.0, 0
+        counts = confidence >= (1.0 if completed is None else completed.min_confidence)
+        beside = binary_dilation((seen | counts).reshape(grid.shape), np.ones((3, 3, 3))).ravel()
+        kind = np.full(n, _EMPTY, np.int8)
+        kind[unknown] = np.where(beside[unknown], _SKIN, _UNKNOWN)
+        kind[seen] = _SURFACE
+        first = np.searchsorted(surfels.keys, 6 * np.arange(n + 1))
+        normals = np.ascontiguousarray(surfels.normals)
+        return cls(grid, kind, confidence, counts, continued, _outdoors(voxels), first, normals)
+
+
+def _outdoors(voxels: VoxelMap) -> BoolArray:
+    """Tell which columns of voxels (columns,) are in the open; none around an object."""
+    empty = (voxels.labels == EMPTY).reshape(-1, voxels.grid.shape[2])
+    if voxels.outside_is_empty:
+        return np.zeros(len(empty), np.bool_)
+    is_floored = np.zeros(len(empty), np.bool_)
+    is_floored[voxels.surfels.voxels[voxels.surfels.sides == UPWARD] // voxels.grid.shape[2]] = True
+    return np.asarray(empty[:, 0] | (empty[:, -1] & ~is_floored))
+
+
+def _within(grid: VoxelGrid, points: FloatArray, values: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """Voxels of those of the points (n, 3) that lie in the grid, and their values."""
+    at = grid.index_of(points)
+    return at[at >= 0], values[at >= 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedGain:
-    """Unknown space and what is known behind it, prepared for rays.
+    """Unknown space, what is worth seeing in it, and how likely surface is.
 
-    Attributes
-    ----------
-    boundary, entered : RayCaster, (k,) int64
-        The faces between empty voxels and all others, and the voxel behind each of their triangles.
-    worth_entering : (n_voxels,) bool
-        Voxels that are unknown, and have not been sought in vain too often.
-    caster : RayCaster or None
-        Seen voxels as they border on unknown ones, and completed surface; None where there is neither.
-    voxel, normal, doubt : (m,) int64, (m, 3) float, (m,) float
-        Of each of its triangles the voxel, -1 for completed surface; the normal, of completed surface towards
-        where it was seen from; and the probability that inferred surface is not there, 0 elsewhere.
-    trust : (6,) float
-        As of `SurfacePrior`.
+    `wanted` (n_voxels,) tells where surface is worth seeing, `sought` (n_voxels,) which unknown voxels have
+    not been entered in vain too often.
     """
 
-    boundary: RayCaster
-    entered: NDArray[np.int64]
-    worth_entering: BoolArray
-    caster: RayCaster | None
-    voxel: NDArray[np.int64]
-    normal: FloatArray
-    doubt: FloatArray
-    voxels: VoxelMap
-    trust: FloatArray
-
-    @classmethod
-    def of(
-        cls,
-        voxels: VoxelMap,
-        boundary: RayCaster,
-        entered: NDArray[np.int64],
-        *,
-        worth_entering: BoolArray,
-        completed: KnownSurfaces,
-        trust: FloatArray,
-    ) -> ExpectedGain:
-        """Return what views into the unknown space of a map may bring, after completion of its scans.
-
-        `entered` (k,), `worth_entering` (n_voxels,) and `trust` (6,) are as in the attributes.
-        """
-        faces = voxels.faces_between(_loose(voxels, completed), ~np.isin(voxels.labels, (SEEN, EMPTY)))
-        corners, squares = faces.triangles(voxels.grid.voxel_m)
-        measured, measured_faces = completed.measured_mesh()
-        inferred, inferred_faces, confidence = completed.inferred_mesh()
-        vertices = np.concatenate([corners, measured, inferred])
-        n_squares, n_measured = len(squares), len(measured_faces)
-        triangles = np.concatenate(
-            [squares, measured_faces + len(corners), inferred_faces + len(corners) + len(measured)]
-        )
-        voxel, doubt = np.full(len(triangles), -1, np.int64), np.zeros(len(triangles))
-        voxel[:n_squares] = np.repeat(faces.voxel, 2)
-        doubt[n_squares + n_measured :] = 1.0 - confidence
-        a, b, c = (vertices[triangles[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-        caster = RayCaster(vertices, triangles, n_threads=1) if len(triangles) else None
-        return cls(
-            boundary=boundary,
-            entered=entered,
-            worth_entering=worth_entering,
-            caster=caster,
-            voxel=voxel,
-            normal=normal,
-            doubt=doubt,
-            voxels=voxels,
-            trust=trust,
-        )
+    space: UnknownSpace
+    prior: SurfacePrior
+    wanted: BoolArray
+    sought: BoolArray
 
     def look(self, position: FloatArray, max_range_m: float) -> ViewEvaluation:
         """Evaluate a position (3,), world coordinates in metres, in all directions within the range.
 
-        The worth of a ray is the area that its cell of the cube map cuts out of the surface that it meets,
-        or of the side by which it leaves the volume, times the probability that surface there is new.
+        The worth of a ray is the area that its cell of the cube map cuts out of the face of the unknown, times
+        the probability that it meets surface behind it that is not known yet.
         """
         rays, solid_angles = _directions()
-        hits = self.boundary.first_hit(position[None], rays)
-        enters = np.flatnonzero((hits.face >= 0) & (hits.ranges <= max_range_m))
-        enters = enters[self.worth_entering[self.entered[hits.face[enters]]]]
-        rays, near, voxel = rays[enters], hits.ranges[enters], self.entered[hits.face[enters]]
-        entry = position + near[:, None] * rays
-        reach, side = self.voxels.grid.way_out(entry, rays)
-        news, cosine = self.trust[side], np.abs(rays[np.arange(len(rays)), side % 3])
-        if self.caster is not None and len(rays):
-            beyond = self.caster.first_hit(entry + INTO_M * rays, rays)
-            met = np.flatnonzero(beyond.face >= 0)
-            news[met] = self._news_at(beyond.face[met], rays[met])
-            reach[met], side[met] = beyond.ranges[met], -1
-            cosine[met] = np.where(self.voxel[beyond.face[met]] >= 0, 1.0, beyond.incidence_cosine[met])
-        area = solid_angles[enters] * np.square(np.minimum(near + reach, max_range_m))
-        worth = np.where(
-            cosine >= FLATTEST_EXPECTED, area * news / np.maximum(cosine, FLATTEST_EXPECTED), 0.0
+        space, prior = self.space, self.prior
+        near, voxel, found = _expect(
+            position, rays, max_range_m, space.grid.origin, space.grid.shape, space.grid.voxel_m, space.kind,
+            space.confidence, space.counts, space.continued, space.outdoors, space.first, space.normals,
+            self.wanted, self.sought, prior.rate_per_m(), prior.trust(), prior.continues(),
+        )  # fmt: skip
+        kept = np.flatnonzero(found > 0)
+        unknown = np.ones(len(kept), dtype=np.bool_)
+        return ViewEvaluation(
+            near[kept, None] * rays[kept],
+            found[kept] * solid_angles[kept] * np.square(near[kept]),
+            voxel[kept],
+            unknown,
+            np.full(len(kept), -1),
         )
-        kept = np.flatnonzero(worth > 0)
-        is_unknown = np.ones(len(kept), dtype=np.bool_)
-        return ViewEvaluation(near[kept, None] * rays[kept], worth[kept], voxel[kept], is_unknown, side[kept])
-
-    def _news_at(self, face: NDArray[np.int32], rays: FloatArray) -> FloatArray:
-        """Probability (n,) that there is unknown surface where rays meet triangles."""
-        voxel = self.voxel[face]
-        front = np.einsum("ij,ij->i", rays, self.normal[face]) < 0
-        front = np.where(voxel >= 0, self._shows_front(voxel, rays), front)
-        return np.where(front, self.doubt[face], 1.0)
-
-    def _shows_front(self, voxel: NDArray[np.int64], rays: FloatArray) -> BoolArray:
-        """Tell which rays (n, 3) run against a measured normal of the voxel they meet."""
-        surfels = self.voxels.surfels
-        front = np.zeros(len(voxel), dtype=np.bool_)
-        if not len(surfels.keys):
-            return front
-        for side in range(6):
-            at = np.searchsorted(surfels.keys, voxel * 6 + side)
-            at = np.minimum(at, len(surfels.keys) - 1)
-            has = surfels.keys[at] == voxel * 6 + side
-            front |= has & (np.einsum("ij,ij->i", rays, surfels.normals[at]) < -FLATTEST)
-        return front
 
 
-def _loose(voxels: VoxelMap, completed: KnownSurfaces) -> BoolArray:
-    """Seen voxels (n_voxels,) with surface off the completed surfaces; those tell the place of the rest."""
-    surfels = voxels.surfels
-    known = completed.on_modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
-    loose: BoolArray = np.asarray(voxels.labels == SEEN)
-    loose[surfels.voxels[known]] = False
-    loose[surfels.voxels[~known]] = True
-    return loose
+@compiled
+def _cross(
+    position: FloatArray,
+    ray: FloatArray,
+    origin: FloatArray,
+    shape: tuple[int, int, int],
+    voxel_m: float,
+    voxels: NDArray[np.int64],
+    ends: FloatArray,
+) -> tuple[int, float, int]:
+    """Write the voxels that a ray crosses, and where it leaves each, metres (Amanatides and Woo 1987).
+
+    Returns how many there are, where it enters the first, and the side by which it leaves the volume.
+    """
+    begin, end, side = 0.0, np.inf, -1
+    for axis in range(3):
+        high = origin[axis] + shape[axis] * voxel_m
+        if ray[axis] == 0.0:
+            if not origin[axis] <= position[axis] < high:
+                return 0, 0.0, -1
+            continue
+        to_low, to_high = (origin[axis] - position[axis]) / ray[axis], (high - position[axis]) / ray[axis]
+        begin = max(begin, min(to_low, to_high))
+        if max(to_low, to_high) < end:
+            end, side = max(to_low, to_high), axis if ray[axis] > 0 else axis + 3
+    if begin >= end:
+        return 0, 0.0, -1
+    cell, step = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    following, across = np.full(3, np.inf), np.full(3, np.inf)
+    for axis in range(3):
+        at = (position[axis] + (begin + 1e-9) * ray[axis] - origin[axis]) / voxel_m
+        cell[axis] = min(max(int(np.floor(at)), 0), shape[axis] - 1)
+        if ray[axis] != 0.0:
+            step[axis] = 1 if ray[axis] > 0 else -1
+            face = origin[axis] + (cell[axis] + (1 if ray[axis] > 0 else 0)) * voxel_m
+            following[axis], across[axis] = (face - position[axis]) / ray[axis], voxel_m / abs(ray[axis])
+    n = 0
+    while n < len(voxels):
+        axis = 0
+        for other in range(1, 3):
+            if following[other] < following[axis]:
+                axis = other
+        voxels[n] = (cell[0] * shape[1] + cell[1]) * shape[2] + cell[2]
+        ends[n] = following[axis]
+        n += 1
+        cell[axis] += step[axis]
+        if cell[axis] < 0 or cell[axis] >= shape[axis]:
+            break
+        following[axis] += across[axis]
+    return n, begin, side
+
+
+@compiled
+def _expect(
+    position: FloatArray,
+    rays: FloatArray,
+    max_range_m: float,
+    origin: FloatArray,
+    shape: tuple[int, int, int],
+    voxel_m: float,
+    kind: NDArray[np.int8],
+    confidence: FloatArray,
+    counts: BoolArray,
+    continued: NDArray[np.int8],
+    outdoors: BoolArray,
+    first: NDArray[np.int64],
+    normals: FloatArray,
+    wanted: BoolArray,
+    sought: BoolArray,
+    rate_per_m: FloatArray,
+    trust: FloatArray,
+    continues: FloatArray,
+) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+    """Return where each ray (n, 3) enters the unknown, the voxel, and how probably it finds new surface."""
+    most = shape[0] + shape[1] + shape[2] + 3
+    voxels, ends = np.zeros(most, np.int64), np.zeros(most)
+    near, entered, found = np.zeros(len(rays)), np.full(len(rays), -1, np.int64), np.zeros(len(rays))
+    for i in range(len(rays)):
+        ray = rays[i]
+        n, begin, side = _cross(position, ray, origin, shape, voxel_m, voxels, ends)
+        left, was_inferred, was_continued, is_open = 1.0, False, False, n > 0
+        for k in range(n):
+            voxel, end = voxels[k], ends[k]
+            if begin > max_range_m or (kind[voxel] == _EMPTY and outdoors[voxel // shape[2]]):
+                is_open = False
+                break
+            if kind[voxel] != _EMPTY and entered[i] < 0:
+                if not sought[voxel]:
+                    is_open = False
+                    break
+                near[i], entered[i] = max(begin, 1e-3), voxel
+            if kind[voxel] == _SURFACE:
+                is_rear = first[voxel + 1] > first[voxel]
+                for at in range(first[voxel], first[voxel + 1]):
+                    slope = ray[0] * normals[at, 0] + ray[1] * normals[at, 1] + ray[2] * normals[at, 2]
+                    is_rear = is_rear and slope > FLATTEST
+                if is_rear and wanted[voxel]:
+                    found[i] += left
+                is_open = False
+                break
+            if confidence[voxel] > 0.0 and not was_inferred:
+                if not counts[voxel] and wanted[voxel]:
+                    found[i] += left * confidence[voxel]
+                left *= 1.0 - confidence[voxel]
+            was_inferred = confidence[voxel] > 0.0
+            if continued[voxel] > 0 and not was_continued:
+                meets = continues[continued[voxel]]
+                if wanted[voxel]:
+                    found[i] += left * meets
+                left *= 1.0 - meets
+            was_continued = continued[voxel] > 0
+            if kind[voxel] == _UNKNOWN and not was_inferred and not was_continued:
+                meets = 1.0 - np.exp(-rate_per_m[side] * (end - begin))
+                if wanted[voxel]:
+                    found[i] += left * meets
+                left *= 1.0 - meets
+            begin = end
+        last = voxels[n - 1] if n else 0
+        if (
+            is_open
+            and begin <= max_range_m
+            and kind[last] != _EMPTY
+            and wanted[last]
+            and not (was_inferred or was_continued)
+        ):
+            if abs(ray[side % 3]) >= FLATTEST_EXPECTED:
+                found[i] += left * trust[side]
+    return near, entered, found
+
+
+@compiled
+def _tally(
+    position: FloatArray,
+    rays: FloatArray,
+    ranges: FloatArray,
+    origin: FloatArray,
+    shape: tuple[int, int, int],
+    voxel_m: float,
+    kind: NDArray[np.int8],
+    confidence: FloatArray,
+    continued: NDArray[np.int8],
+    metres: FloatArray,
+    surfaces: FloatArray,
+    left: FloatArray,
+    stopped: FloatArray,
+    crossed: FloatArray,
+    met: FloatArray,
+) -> None:
+    """Add to what `SurfacePrior` counts what rays (n, 3) that end at `ranges` (n,) metres passed and met."""
+    most = shape[0] + shape[1] + shape[2] + 3
+    voxels, ends = np.zeros(most, np.int64), np.zeros(most)
+    for i in range(len(rays)):
+        n, begin, side = _cross(position, rays[i], origin, shape, voxel_m, voxels, ends)
+        if n == 0:
+            continue
+        out, last, was_continued = ends[n - 1], voxels[n - 1], False
+        comes_out = ranges[i] > out - 2 * voxel_m / abs(rays[i, side % 3])
+        is_unknown = kind[last] == _UNKNOWN or kind[last] == _SKIN
+        if comes_out and is_unknown and confidence[last] == 0.0 and continued[last] == 0:
+            left[side] += 1.0
+            stopped[side] += 1.0 if ranges[i] <= out else 0.0
+        for k in range(n):
+            number = continued[voxels[k]]
+            if number > 0 and not was_continued:
+                crossed[number] += 1.0
+                met[number] += 1.0 if ranges[i] <= ends[k] + 1.5 * voxel_m else 0.0
+            was_continued = number > 0
+            if kind[voxels[k]] == _UNKNOWN and confidence[voxels[k]] == 0.0 and not was_continued:
+                metres[side] += max(min(ends[k], ranges[i]) - begin, 0.0)
+                surfaces[side] += 1.0 if begin < ranges[i] <= ends[k] and not comes_out else 0.0
+            begin = ends[k]
+            if begin >= ranges[i]:
+                break
 
 
 @cache

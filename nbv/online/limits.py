@@ -33,10 +33,13 @@ STRIDE_M = 0.5
 eye."""
 
 # Gain
-INTO_M = 1e-6
-"""Rays that go on start so far behind the face that they entered by."""
 TRUSTED_RAYS = 50.0
 """Rays, of some 400 a view, as which all that was known before a look counts. By eye."""
+REMEMBERED = 0.8
+"""Weight of what rays have met before, beside those of the last scan: of the last five scans. By eye."""
+CONTINUED_M = (0.5, 1.0, 2.0, 4.0)
+"""Distances from what was measured up to which the chances that a surface goes on are counted apart. By
+choice."""
 FLATTEST_EXPECTED = 0.17
 """Cosine of incidence (80 deg) below which a scan is not expected to measure surface: flatter than this scans
 seldom tell a surface."""

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.surface_classes import KnownSurfaces
-from nbv.online.expected_gain import ExpectedGain, SurfacePrior
+from nbv.online.expected_gain import ExpectedGain, SurfacePrior, UnknownSpace
 from nbv.online.exploration import Exploration, Step
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
 from nbv.online.gain import BestView, best_view
@@ -110,14 +110,10 @@ class PlannerState:
         attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
         return cls(voxels, attempts, SurfacePrior.none(), completed)
 
-    def after_scan(
-        self, scan: RangeImage, sensor: Sensor, clearance_m: float, chosen: BestView | None
-    ) -> PlannerState:
-        """Return the state after a scan from the view that was `chosen`, None where nothing chose it."""
-        voxels = self.voxels.with_scan(scan, sensor, clearance_m)
-        if chosen is None:
-            return replace(self, voxels=voxels)
-        return replace(self, voxels=voxels, prior=self.prior.after(scan, chosen.sees, voxels.grid))
+    def after_scan(self, scan: RangeImage, sensor: Sensor, clearance_m: float) -> PlannerState:
+        """Return the state after a scan."""
+        prior = self.prior.after(scan, UnknownSpace.of(self.voxels, self.completed))
+        return replace(self, voxels=self.voxels.with_scan(scan, sensor, clearance_m), prior=prior)
 
     def after_choice(self, chosen: BestView, times: int = 1) -> PlannerState:
         """Return the state in which `chosen` has tried `times` more to settle what it sees."""
@@ -183,12 +179,11 @@ class Explorer:
         scans, n_completed, begun_at = list(self.given), 0, list(self.further_starts)
         spots = None if self.spot_of is None else self.spot_of(self.candidates.positions)
         poses, expected = ([], None) if self.start is None else ([self.start], None)
-        chosen: BestView | None = None
         while True:
             # Scan from the last view, and learn from the scan.
             if poses:
                 scans.append(self.scan(poses[-1]))
-                state = state.after_scan(scans[-1], self.sensor, options.clearance_m, chosen)
+                state = state.after_scan(scans[-1], self.sensor, options.clearance_m)
                 step = Step.of(poses[-1], expected, scans[-1], state.voxels, self.requirement.min_cosine)
                 self._learned(state, "the loop was left", step)
                 yield step
@@ -374,10 +369,7 @@ def next_view(
     boundary, expected = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1), None
     if state.completed is not None:
         sought = wanted & (state.attempts[1] < gain.max_attempts)
-        expected = ExpectedGain.of(
-            voxels, boundary, np.repeat(faces.voxel, 2), worth_entering=sought, completed=state.completed,
-            trust=state.prior.trust,
-        )  # fmt: skip
+        expected = ExpectedGain(UnknownSpace.of(voxels, state.completed), state.prior, wanted, sought)
 
     # The best of all candidates, if it is worth a scan.
     best = best_view(
