@@ -29,7 +29,7 @@ from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
 from scenes.mesh.triangle_distance import distances
 from scenes.scan.range_image import RangeImage
 
-SURE = 0.9
+SURE = 0.95  # confidence from which inferred surface counts
 _CONTINUED_M = 3.0  # how far surfaces are asked whether they go on
 _MAX_CELLS = 40_000  # of a surface: places a few centimetres apart are told apart in a room
 

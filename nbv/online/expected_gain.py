@@ -3,9 +3,9 @@
 
 A ray is followed through the voxels, and may meet surface where:
 
-* it crosses inferred surface, with the confidence of that; what counts as known is not new;
-* it crosses the continuation of a measured surface to where no scan looked, with a probability by how far
-  that is from what was measured;
+* it crosses inferred surface: with its confidence, and not new, where that is large enough to count;
+* it crosses where a measured surface may go on unseen, with a probability by how far that is from what was
+  measured, or inferred surface that does not count;
 * it passes unknown space, at a constant rate a metre (a Poisson process), by the side it goes towards;
 * it leaves the volume unmet, with a probability by side.
 
@@ -33,6 +33,7 @@ from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled
 
 _CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
+DOUBTFUL = len(CONTINUED_M) + 1  # number of inferred surface that does not count
 _EMPTY, _UNKNOWN, _SKIN, _SURFACE = range(4)  # kinds of voxels; skin: unknown ones beside known surface
 
 
@@ -47,8 +48,8 @@ class SurfacePrior:
         by which they would leave the volume.
     left, stopped : (6,) float
         Rays that came as far as that side through unknown space, and those that met surface on it.
-    crossed, met : (5,) float
-        Crossings of continued surface by `CONTINUED_M`, and those that met it there; 0 is no such surface.
+    crossed, met : (6,) float
+        Crossings of possible surface by the numbers of `UnknownSpace.possible`, and those that met it there.
     """
 
     metres: FloatArray
@@ -61,7 +62,7 @@ class SurfacePrior:
     @classmethod
     def none(cls) -> SurfacePrior:
         """Return the prior before any scan: even chances, as if `TRUSTED_RAYS` rays had shown them."""
-        rays, sides, bins = TRUSTED_RAYS, np.ones(6), np.ones(len(CONTINUED_M) + 1)
+        rays, sides, bins = TRUSTED_RAYS, np.ones(6), np.ones(DOUBTFUL + 1)
         return cls(
             rays * sides, rays / 2 * sides, rays * sides, rays / 2 * sides, rays * bins, rays / 2 * bins
         )
@@ -74,8 +75,8 @@ class SurfacePrior:
         """Probability (6,) of surface on each side of the volume."""
         return np.asarray(self.stopped / self.left)
 
-    def continues(self) -> FloatArray:
-        """Probability (5,) that a surface goes on so far past what was measured of it."""
+    def possible(self) -> FloatArray:
+        """Probability (6,) of possible surface of each kind."""
         return np.asarray(self.met / self.crossed)
 
     def after(self, scan: RangeImage, space: UnknownSpace) -> SurfacePrior:
@@ -89,7 +90,7 @@ class SurfacePrior:
         grid = space.grid
         _tally(
             scan.origin, rays[looked], ranges, grid.origin, grid.shape, grid.voxel_m, space.kind,
-            space.confidence, space.continued, *counts,
+            space.confidence, space.possible, *counts,
         )  # fmt: skip
         return SurfacePrior(*counts)
 
@@ -105,11 +106,10 @@ class UnknownSpace:
     kind : (n_voxels,) int8
         Empty, unknown, unknown beside known surface, or surface.
     confidence : (n_voxels,) float
-        Probability of inferred surface in unknown voxels, 0 where none is inferred.
-    counts : (n_voxels,) bool
-        Whether inferred surface there counts as known.
-    continued : (n_voxels,) int8
-        In unknown voxels where a measured surface may go on, 1 and more by how far: see `CONTINUED_M`.
+        In unknown voxels the probability of inferred surface that counts as known, 0 where there is none.
+    possible : (n_voxels,) int8
+        Unknown voxels where a measured surface may go on, 1 to 4 by how far (`CONTINUED_M`), and those with
+        inferred surface that does not count, 5; 0 elsewhere.
     outdoors : (columns,) bool
         Columns of voxels known to be empty down to the bottom of the volume, or up to its top over no floor:
         what is seen through them bounds no room.
@@ -120,8 +120,7 @@ class UnknownSpace:
     grid: VoxelGrid
     kind: NDArray[np.int8]
     confidence: FloatArray
-    counts: BoolArray
-    continued: NDArray[np.int8]
+    possible: NDArray[np.int8]
     outdoors: BoolArray
     first: NDArray[np.int64]
     normals: FloatArray
@@ -130,23 +129,24 @@ class UnknownSpace:
     def of(cls, voxels: VoxelMap, completed: KnownSurfaces | None = None) -> UnknownSpace:
         """Return the unknown space of a map; without completion nothing is inferred."""
         grid, surfels, n = voxels.grid, voxels.surfels, voxels.grid.n_voxels
-        seen, confidence, continued = voxels.labels == SEEN, np.zeros(n), np.zeros(n, np.int8)
+        seen, confidence, possible = voxels.labels == SEEN, np.zeros(n), np.zeros(n, np.int8)
         unknown = ~seen & (voxels.labels != EMPTY)
         if completed is not None:
-            at, sure = _within(grid, *completed.inferred_points(grid.voxel_m / 2))
-            np.maximum.at(confidence, at, sure)
             at, away = _within(grid, *completed.continued_points(grid.voxel_m / 2))
             order = np.argsort(-away, kind="stable")
-            continued[at[order]] = 1 + np.searchsorted(CONTINUED_M[:-1], away[order])
-        confidence[~unknown], continued[~unknown | (confidence > 0)] = 0.0, 0
-        counts = confidence >= (1.0 if completed is None else completed.min_confidence)
-        beside = binary_dilation((seen | counts).reshape(grid.shape), np.ones((3, 3, 3))).ravel()
+            possible[at[order]] = 1 + np.searchsorted(CONTINUED_M[:-1], away[order])
+            at, sure = _within(grid, *completed.inferred_points(grid.voxel_m / 2))
+            np.maximum.at(confidence, at, sure)
+            possible[confidence > 0] = DOUBTFUL
+            confidence[~unknown | (confidence < completed.min_confidence)] = 0.0
+            possible[~unknown | (confidence > 0)] = 0
+        beside = binary_dilation((seen | (confidence > 0)).reshape(grid.shape), np.ones((3, 3, 3))).ravel()
         kind = np.full(n, _EMPTY, np.int8)
         kind[unknown] = np.where(beside[unknown], _SKIN, _UNKNOWN)
         kind[seen] = _SURFACE
         first = np.searchsorted(surfels.keys, 6 * np.arange(n + 1))
         normals = np.ascontiguousarray(surfels.normals)
-        return cls(grid, kind, confidence, counts, continued, _outdoors(voxels), first, normals)
+        return cls(grid, kind, confidence, possible, _outdoors(voxels), first, normals)
 
 
 def _outdoors(voxels: VoxelMap) -> BoolArray:
@@ -181,15 +181,15 @@ class ExpectedGain:
     def look(self, position: FloatArray, max_range_m: float) -> ViewEvaluation:
         """Evaluate a position (3,), world coordinates in metres, in all directions within the range.
 
-        The worth of a ray is the area that its cell of the cube map cuts out of the face of the unknown, times
-        the probability that it meets surface behind it that is not known yet.
+        The worth of a ray is the area that its cell of the cube map cuts out of the face of the unknown, as
+        seen from the position, times the probability that it meets surface behind it that is not known yet.
         """
         rays, solid_angles = _directions()
         space, prior = self.space, self.prior
         near, voxel, found = _expect(
             position, rays, max_range_m, space.grid.origin, space.grid.shape, space.grid.voxel_m, space.kind,
-            space.confidence, space.counts, space.continued, space.outdoors, space.first, space.normals,
-            self.wanted, self.sought, prior.rate_per_m(), prior.trust(), prior.continues(),
+            space.confidence, space.possible, space.outdoors, space.first, space.normals,
+            self.wanted, self.sought, prior.rate_per_m(), prior.trust(), prior.possible(),
         )  # fmt: skip
         kept = np.flatnonzero(found > 0)
         unknown = np.ones(len(kept), dtype=np.bool_)
@@ -264,8 +264,7 @@ def _expect(
     voxel_m: float,
     kind: NDArray[np.int8],
     confidence: FloatArray,
-    counts: BoolArray,
-    continued: NDArray[np.int8],
+    possible: NDArray[np.int8],
     outdoors: BoolArray,
     first: NDArray[np.int64],
     normals: FloatArray,
@@ -273,7 +272,7 @@ def _expect(
     sought: BoolArray,
     rate_per_m: FloatArray,
     trust: FloatArray,
-    continues: FloatArray,
+    chances: FloatArray,
 ) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
     """Return where each ray (n, 3) enters the unknown, the voxel, and how probably it finds new surface."""
     most = shape[0] + shape[1] + shape[2] + 3
@@ -282,7 +281,7 @@ def _expect(
     for i in range(len(rays)):
         ray = rays[i]
         n, begin, side = _cross(position, ray, origin, shape, voxel_m, voxels, ends)
-        left, was_inferred, was_continued, is_open = 1.0, False, False, n > 0
+        left, was_inferred, was_possible, is_open = 1.0, False, False, n > 0
         for k in range(n):
             voxel, end = voxels[k], ends[k]
             if begin > max_range_m or (kind[voxel] == _EMPTY and outdoors[voxel // shape[2]]):
@@ -303,32 +302,24 @@ def _expect(
                 is_open = False
                 break
             if confidence[voxel] > 0.0 and not was_inferred:
-                if not counts[voxel] and wanted[voxel]:
-                    found[i] += left * confidence[voxel]
                 left *= 1.0 - confidence[voxel]
             was_inferred = confidence[voxel] > 0.0
-            if continued[voxel] > 0 and not was_continued:
-                meets = continues[continued[voxel]]
+            if possible[voxel] > 0 and not was_possible:
+                meets = chances[possible[voxel]]
                 if wanted[voxel]:
                     found[i] += left * meets
                 left *= 1.0 - meets
-            was_continued = continued[voxel] > 0
-            if kind[voxel] == _UNKNOWN and not was_inferred and not was_continued:
+            was_possible = possible[voxel] > 0
+            if kind[voxel] == _UNKNOWN and not was_inferred and not was_possible:
                 meets = 1.0 - np.exp(-rate_per_m[side] * (end - begin))
                 if wanted[voxel]:
                     found[i] += left * meets
                 left *= 1.0 - meets
             begin = end
         last = voxels[n - 1] if n else 0
-        if (
-            is_open
-            and begin <= max_range_m
-            and kind[last] != _EMPTY
-            and wanted[last]
-            and not (was_inferred or was_continued)
-        ):
-            if abs(ray[side % 3]) >= FLATTEST_EXPECTED:
-                found[i] += left * trust[side]
+        is_open = is_open and begin <= max_range_m and abs(ray[side % 3]) >= FLATTEST_EXPECTED
+        if is_open and kind[last] != _EMPTY and wanted[last] and not (was_inferred or was_possible):
+            found[i] += left * trust[side]
     return near, entered, found
 
 
@@ -342,7 +333,7 @@ def _tally(
     voxel_m: float,
     kind: NDArray[np.int8],
     confidence: FloatArray,
-    continued: NDArray[np.int8],
+    possible: NDArray[np.int8],
     metres: FloatArray,
     surfaces: FloatArray,
     left: FloatArray,
@@ -357,19 +348,19 @@ def _tally(
         n, begin, side = _cross(position, rays[i], origin, shape, voxel_m, voxels, ends)
         if n == 0:
             continue
-        out, last, was_continued = ends[n - 1], voxels[n - 1], False
+        out, last, was_possible = ends[n - 1], voxels[n - 1], False
         comes_out = ranges[i] > out - 2 * voxel_m / abs(rays[i, side % 3])
         is_unknown = kind[last] == _UNKNOWN or kind[last] == _SKIN
-        if comes_out and is_unknown and confidence[last] == 0.0 and continued[last] == 0:
+        if comes_out and is_unknown and confidence[last] == 0.0 and possible[last] == 0:
             left[side] += 1.0
             stopped[side] += 1.0 if ranges[i] <= out else 0.0
         for k in range(n):
-            number = continued[voxels[k]]
-            if number > 0 and not was_continued:
+            number = possible[voxels[k]]
+            if number > 0 and not was_possible:
                 crossed[number] += 1.0
                 met[number] += 1.0 if ranges[i] <= ends[k] + 1.5 * voxel_m else 0.0
-            was_continued = number > 0
-            if kind[voxels[k]] == _UNKNOWN and confidence[voxels[k]] == 0.0 and not was_continued:
+            was_possible = number > 0
+            if kind[voxels[k]] == _UNKNOWN and confidence[voxels[k]] == 0.0 and not was_possible:
                 metres[side] += max(min(ends[k], ranges[i]) - begin, 0.0)
                 surfaces[side] += 1.0 if begin < ranges[i] <= ends[k] and not comes_out else 0.0
             begin = ends[k]
