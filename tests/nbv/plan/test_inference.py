@@ -2,6 +2,7 @@
 """Planning with completion: what counts as known, what a look into the unknown promises, what it saves."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,12 +19,12 @@ from nbv.coverage.surface_classes import (
     classify,
     shares_of,
 )
-from nbv.online.expected_gain import ExpectedGain, SurfacePrior
-from nbv.online.gain import ViewEvaluation
-from nbv.online.occupancy import VoxelMap
+from nbv.online.expected_gain import ExpectedGain, SurfacePrior, UnknownSpace, _cross, _directions
+from nbv.online.limits import REMEMBERED
+from nbv.online.occupancy import EMPTY, SEEN, UNSEEN, VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.online.targets import voxels_of_interest
-from nbv.online.voxels import VoxelGrid
+from nbv.online.voxels import UPWARD, Surfels, VoxelGrid
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
@@ -34,7 +35,6 @@ from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.mesh.triangle_distance import distances
 from scenes.pose import Pose
-from scenes.rays.raycast import RayCaster
 from scenes.world.builtin import Finish, SceneBuilder, builtin_scene
 
 ROOM = builtin_scene("two_occluders")
@@ -94,59 +94,137 @@ def test_classes_part_the_area_and_met_comes_first(wall):
     assert MODELLED in classes
 
 
-def expected_gain_of(scan, completed, bounds, trust=None):
-    """What lies beyond the unknown of a map with one scan, and the map."""
-    voxels = VoxelMap.unknown(np.array(bounds), voxel_m=0.1).integrate(scan, SENSOR)
-    sought = np.ones(voxels.grid.n_voxels, np.bool_)
-    faces, trust = voxels.boundary(), SurfacePrior.none().trust if trust is None else trust
-    boundary = RayCaster(*faces.triangles(0.1), n_threads=1)
-    more = {"worth_entering": sought, "completed": completed, "trust": trust}
-    return ExpectedGain.of(voxels, boundary, np.repeat(faces.voxel, 2), **more), voxels
+BOUNDS = [[-2, -3.5, 0], [2, 0.2, 2]]
 
 
-def test_a_shadow_before_inferred_wall_promises_little_and_the_rear_of_a_board_much(wall):
-    _, scan, completed = wall
-    expected, _ = expected_gain_of(scan, completed, [[-2, -3.5, 0], [2, 0.2, 2]])
-    beside = np.array([1.2, -2.0, 1.0])  # sees the shadow behind the board from the right
-    evaluation = expected.look(beside, 30.0)
+def expected_gain_of(scan, completed, prior=None):
+    """What is expected of views after one scan, and the map."""
+    voxels = VoxelMap.unknown(np.array(BOUNDS), voxel_m=0.1, outside_is_empty=True)
+    voxels = voxels.integrate(scan, SENSOR)
+    every = np.ones(voxels.grid.n_voxels, np.bool_)
+    space = UnknownSpace.of(voxels, completed)
+    return ExpectedGain(space, prior or SurfacePrior.none(), every, every), voxels
+
+
+def worth_into_shadow(expected, position):
+    """Worth of the rays from a position to the middle of what the board hides of the wall."""
+    evaluation = expected.look(position, 30.0)
     rays = evaluation.offsets / np.linalg.norm(evaluation.offsets, axis=1, keepdims=True)
-    onto_wall = beside + rays * (-beside[1] / rays[:, 1])[:, None]
-    into_shadow = (
-        (evaluation.side < 0) & (np.abs(onto_wall[:, 0]) < 0.3) & (np.abs(onto_wall[:, 2] - 1) < 0.2)
-    )
-    into_shadow &= rays[:, 1] > 0
-    before_wall = evaluation.worth_m2[into_shadow].sum()
-    assert before_wall < 0.1 * 0.6 * 0.4  # inferred with a confidence of well above 0.9
-    back = expected.look(np.array([1.5, -0.3, 1.0]), 30.0)  # nearer to the wall than the board is
-    onto_board = back.offsets[:, 1] < 0
-    assert back.worth_m2[onto_board & (back.side < 0)].sum() == pytest.approx(0.36, rel=0.35)
+    onto = position + rays * (-position[1] / rays[:, 1])[:, None]
+    into = (rays[:, 1] > 0) & (np.abs(onto[:, 0]) < 0.3) & (np.abs(onto[:, 2] - 1) < 0.2)
+    return evaluation.worth_m2[into].sum()
 
 
-def test_what_leaves_the_volume_is_worth_its_side_times_trust(wall):
+def test_a_shadow_before_surely_inferred_wall_promises_little(wall):
+    """The empty shadow has a rate of surface; behind it the wall is inferred, and so is nothing new."""
     _, scan, completed = wall
-    bounds = [[-2, -3.5, 0], [2, 0.2, 2]]
-    full, voxels = expected_gain_of(scan, completed, bounds)
-    none, _ = expected_gain_of(scan, completed, bounds, np.zeros(6))
-    at = np.array([0.0, -2.5, 1.0])
-    hoped, gone = full.look(at, 30.0), none.look(at, 30.0)
-    assert (gone.side < 0).all()
-    low, high = voxels.grid.origin, voxels.grid.origin + np.array(voxels.grid.shape) * voxels.grid.voxel_m
-    floor_m2 = np.prod((high - low)[:2])
-    assert 0.3 * floor_m2 < hoped.worth_m2[hoped.side == 5].sum() < 1.1 * floor_m2
+    beside, nothing = np.array([1.2, -2.0, 1.0]), np.zeros(6)
+    prior = replace(SurfacePrior.none(), surfaces=nothing)
+    sure, _ = expected_gain_of(scan, completed, prior)
+    unsure, _ = expected_gain_of(scan, replace(completed, min_confidence=1.01), prior)
+    assert worth_into_shadow(sure, beside) < 0.3 * worth_into_shadow(unsure, beside)
+    assert sure.space.confidence.max() >= completed.min_confidence
+    assert (sure.space.possible[sure.space.confidence > 0] == 0).all()
+    assert not unsure.space.confidence.any()
 
 
-def test_the_prior_is_the_share_of_rays_that_met_surface():
-    grid = VoxelGrid.around(np.array([[-2.0, -4, 0], [2, 2, 2]]), 0.1)
-    scene = wall_behind_a_board()
-    scan = scan_scene(scene, Pose.looking_at(np.array(EYE), np.array([0.0, 0.0, 1.0])), SENSOR)
-    towards = np.array([[0.0, 3.0, 0.0], [0.9, 3.0, 0.3], [0.3, 3.0, 1.6], [0.0, -3.0, 0.0], [0.2, 3.0, 0.0]])
-    hoped = ViewEvaluation(
-        towards, np.ones(5), np.zeros(5, np.int64), np.ones(5, bool), np.array([1, 1, 2, 3, -1])
-    )
-    trust = SurfacePrior.none().after(scan, hoped, grid).trust
-    assert trust[1] == 1.0  # both met the wall
-    assert trust[2] == pytest.approx(50 / 51)  # above the wall there is nothing
-    assert trust[3] == 1.0  # not looked at
+def test_the_rear_of_a_board_is_new_for_certain(wall):
+    """Every ray that meets it from behind counts by the face of the shadow that it enters, wholly."""
+    _, scan, completed = wall
+    zero = replace(SurfacePrior.none(), **dict.fromkeys(("surfaces", "stopped", "met"), np.zeros(6)))
+    expected, _ = expected_gain_of(scan, completed, zero)
+    behind = np.array([0.9, -0.4, 1.0])  # between the board and the wall
+    evaluation = expected.look(behind, 30.0)
+    solid_angles = _directions()[1]
+    onto_board = evaluation.offsets[:, 1] < 0
+    assert onto_board.sum() > 10
+    near = np.linalg.norm(evaluation.offsets[onto_board], axis=1)
+    seen = evaluation.worth_m2[onto_board] / near**2
+    assert seen == pytest.approx(solid_angles[np.abs(solid_angles - seen[:, None]).argmin(axis=1)])
+    board = 0.36 * 0.6 / 1.17**1.5  # solid angle; by voxels it may be larger by one all round
+    assert board < seen.sum() < 1.1 * board * (0.8 / 0.6) ** 2
+
+
+def test_nothing_is_expected_where_nothing_was_ever_met(wall):
+    _, scan, completed = wall
+    zero = replace(SurfacePrior.none(), **dict.fromkeys(("surfaces", "stopped", "met"), np.zeros(6)))
+    at = np.array([0.0, -2.5, 1.0])  # before the board, of whose rear it sees nothing
+    assert expected_gain_of(scan, completed, zero)[0].look(at, 30.0).worth_m2.sum() == pytest.approx(0.0)
+    assert expected_gain_of(scan, completed)[0].look(at, 30.0).worth_m2.sum() > 1.0
+
+
+def test_the_prior_counts_what_rays_met_in_unknown_space():
+    """A wall across an unknown volume: a surface for each ray, after as many metres as it is away."""
+    build = SceneBuilder("wall", "object")
+    build.add_rectangle("wall", (-9, 0, -9), (18, 0, 0), (0, 0, 18), GREY)
+    camera = PinholeSensor(fov_deg=20, width=60, height=60)
+    scan = scan_scene(build.finish(), Pose.looking_at(np.array(EYE), np.array([0.0, 0.0, 1.0])), camera)
+    deep = VoxelMap.unknown(np.array([[-2.0, -3.5, 0], [2, 2, 2]]), voxel_m=0.1)
+    none = SurfacePrior.none()
+    after = none.after(scan, UnknownSpace.of(deep))
+    rays = after.surfaces[1] - REMEMBERED * none.surfaces[1]
+    assert rays > 30
+    assert after.metres[1] - REMEMBERED * none.metres[1] == pytest.approx(3.0 * rays, rel=0.03)
+    assert after.rate_per_m()[1] < none.rate_per_m()[1]
+    assert (after.trust() == 0.5).all()  # no ray came as far as a side
+    assert (after.rate_per_m()[[0, 2, 3, 4, 5]] == 0.5).all()
+    shallow = VoxelMap.unknown(np.array([[-2.0, -3.5, 0], [2, 0.0, 2]]), voxel_m=0.1)
+    ended = none.after(scan, UnknownSpace.of(shallow))  # the wall is on the side +y of this volume
+    assert ended.trust()[1] > 0.6
+    assert ended.surfaces[1] == pytest.approx(REMEMBERED * none.surfaces[1])
+    near = VoxelMap.unknown(np.array([[-2.0, -3.5, 0], [2, -1.0, 2]]), voxel_m=0.1)
+    assert none.after(scan, UnknownSpace.of(near)).trust()[1] < 0.4  # and beyond that side of this one
+
+
+def test_rays_cross_the_voxels_that_points_along_them_lie_in():
+    """Against closely spaced points, from within the grid and from outside."""
+    grid, rng = VoxelGrid(np.array([-1.0, 0.0, 2.0]), (7, 5, 6), 0.3), np.random.default_rng(4)
+    voxels, ends = np.zeros(30, np.int64), np.zeros(30)
+    for eye in ([0.12, 0.71, 2.93], [-3.0, 0.41, 2.52], [0.22, 4.0, 3.04]):
+        for towards in rng.uniform([-1, 0, 2], [1.1, 1.5, 3.8], (20, 3)):
+            position = np.array(eye)
+            ray = (towards - position) / np.linalg.norm(towards - position)
+            n, begin, side = _cross(position, ray, grid.origin, grid.shape, grid.voxel_m, voxels, ends)
+            along = np.arange(0.0, 9.0, 1e-3)
+            at = grid.index_of(position + along[:, None] * ray)
+            wanted, first = np.unique(at[at >= 0], return_index=True)
+            expected = wanted[np.argsort(first)]
+            assert np.isin(expected, voxels[:n]).all()  # points may miss a voxel that is cut at a corner
+            assert begin == pytest.approx(along[at >= 0][0], abs=2e-3)
+            assert ends[n - 1] == pytest.approx(along[at >= 0][-1], abs=2e-3)
+            inside = position + (begin + 1e-6) * ray
+            assert side == grid.way_out(inside[None], ray[None])[1][0]
+
+
+def test_what_is_seen_through_the_open_bounds_no_room():
+    """Columns that are empty to the bottom, or to the top over no floor; none where objects are scanned."""
+    voxels = VoxelMap.unknown(np.array([[0.0, 0, 0], [1, 1, 1]]), voxel_m=0.5)
+    labels = np.full(voxels.grid.shape, UNSEEN, np.int8)
+    labels[0, 0, 0], labels[0, 1, 2], labels[1, 1, 2], labels[1, 1, 0] = EMPTY, EMPTY, EMPTY, SEEN
+    floor = int(np.ravel_multi_index((1, 1, 0), voxels.grid.shape))
+    up = np.array([[0.0, 0.0, 1.0]])
+    surfels = Surfels(np.array([6 * floor + UPWARD]), np.full((1, 3), 0.6), up, np.ones(1), np.ones(1))
+    known = replace(voxels, labels=labels.ravel(), surfels=surfels)
+    outdoors = UnknownSpace.of(known).outdoors.reshape(voxels.grid.shape[:2])
+    assert np.argwhere(outdoors).tolist() == [[0, 0], [0, 1]]
+    assert not UnknownSpace.of(replace(known, outside_is_empty=True)).outdoors.any()
+
+
+def test_inferred_surface_counts_from_its_stated_confidence_on(wall):
+    """And what is claimed at less is neither counted as inferred nor as right."""
+    scene, scan, _ = wall
+    completed = KnownSurfaces.of([scan], relates=False)
+    samples = sample_surface(scene.mesh, 0.05)
+    unseen = np.zeros(len(samples), np.bool_)
+    areas = []
+    for level in (0.5, completed.min_confidence, 1.0):
+        known = replace(completed, min_confidence=level)
+        classes = classify(samples, unseen, unseen, known)
+        shares = shares_of(classes, samples, ~unseen, known, scene.mesh, 1)
+        areas.append(shares.inferred_m2)
+        assert shares.inferred == pytest.approx(shares.inferred_m2 / samples.total_m2, abs=0.01)
+        assert 0.0 <= shares.right_m2 <= shares.inferred_m2
+    assert areas[0] >= areas[1] > areas[2]
 
 
 def test_rays_leave_a_grid_by_the_side_they_run_into():
