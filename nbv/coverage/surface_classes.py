@@ -89,15 +89,6 @@ class KnownSurfaces:
         vertices = self.completion.world_from_reference.apply(mesh.vertices)
         return vertices, mesh.faces, mesh.confidence[mesh.faces].min(axis=1)
 
-    def measured_mesh(self) -> tuple[FloatArray, NDArray[np.int32]]:
-        """Measured surface without the gaps between pixels: vertices (n, 3), world, and faces (m, 3)."""
-        meshes = [surface.observed for surface in self.completion.surfaces]
-        start = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-        faces = [mesh.faces + first for mesh, first in zip(meshes, start, strict=False)]
-        vertices = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)])
-        world = self.completion.world_from_reference.apply(vertices)
-        return world, np.concatenate([np.zeros((0, 3), np.int32), *faces]).astype(np.int32)
-
     def inferred_points(self, spacing_m: float) -> tuple[FloatArray, FloatArray]:
         """Points (n, 3) in world coordinates of inferred surface, about so far apart; confidence (n,)."""
         vertices, faces, confidence = self.inferred_mesh()

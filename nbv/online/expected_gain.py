@@ -193,13 +193,8 @@ class ExpectedGain:
         )  # fmt: skip
         kept = np.flatnonzero(found > 0)
         unknown = np.ones(len(kept), dtype=np.bool_)
-        return ViewEvaluation(
-            near[kept, None] * rays[kept],
-            found[kept] * solid_angles[kept] * np.square(near[kept]),
-            voxel[kept],
-            unknown,
-            np.full(len(kept), -1),
-        )
+        worth = found[kept] * solid_angles[kept] * np.square(near[kept])
+        return ViewEvaluation(near[kept, None] * rays[kept], worth, voxel[kept], unknown)
 
 
 @compiled

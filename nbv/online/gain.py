@@ -75,15 +75,13 @@ class ViewEvaluation:
     """What a position sees of n targets in all directions.
 
     `offsets` (n, 3) are from the position, metres along the world's axes; `worth_m2` (n,) is what each is
-    worth from there. A ray that meets nothing known leaves the volume by the `side` (n,) 0..5 (+x, +y, +z,
-    -x, -y, -z); -1 for what is known to be there.
+    worth from there.
     """
 
     offsets: FloatArray
     worth_m2: FloatArray
     voxel: NDArray[np.int64]
     is_unknown: BoolArray
-    side: NDArray[np.int64]
 
     def some(self, chosen: BoolArray) -> ViewEvaluation:
         """Return those that are chosen (n,)."""
@@ -266,5 +264,5 @@ def seen_from(
         index = index[~boundary.are_blocked(targets.points[index], origins)]
     unknown = targets.is_unknown[index]
     worth = targets.worth_m2[index] * np.where(unknown, slope[index] / distance[index], 1.0)
-    seen = ViewEvaluation(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
+    seen = ViewEvaluation(-towards[index], worth, targets.voxel[index], unknown)
     return seen if expected is None else expected(position, sensor.max_range_m).join(seen)

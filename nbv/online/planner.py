@@ -95,24 +95,26 @@ class PlannerState:
     """What the planner knows before it decides.
 
     `attempts` (2, n_voxels) count the chosen views that should have settled a voxel's badly seen surface (0)
-    and unknown faces (1), `prior` says how likely a ray into unknown space is to meet surface, and
-    `completed` is the completion of the scans; None without it.
+    and unknown faces (1). With completion, `completed` is that of the scans, and `prior` is learned from scan
+    to scan: how likely a ray into unknown space is to meet surface.
     """
 
     voxels: VoxelMap
     attempts: NDArray[np.int32]
-    prior: SurfacePrior
     completed: KnownSurfaces | None = None
+    prior: SurfacePrior | None = None
 
     @classmethod
-    def of(cls, voxels: VoxelMap, completed: KnownSurfaces | None = None) -> PlannerState:
-        """Return the state before any view was chosen."""
+    def of(
+        cls, voxels: VoxelMap, completed: KnownSurfaces | None = None, *, learns: bool = False
+    ) -> PlannerState:
+        """Return the state before any view was chosen; `learns` tells whether it has a prior."""
         attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
-        return cls(voxels, attempts, SurfacePrior.none(), completed)
+        return cls(voxels, attempts, completed, SurfacePrior.none() if learns else None)
 
     def after_scan(self, scan: RangeImage, sensor: Sensor, clearance_m: float) -> PlannerState:
         """Return the state after a scan."""
-        prior = self.prior.after(scan, UnknownSpace.of(self.voxels, self.completed))
+        prior = self.prior and self.prior.after(scan, UnknownSpace.of(self.voxels, self.completed))
         return replace(self, voxels=self.voxels.with_scan(scan, sensor, clearance_m), prior=prior)
 
     def after_choice(self, chosen: BestView, times: int = 1) -> PlannerState:
@@ -175,7 +177,8 @@ class Explorer:
         """Yield each view after its scan was taken and learned from. Raises InputError: a second time."""
         if self.exploration.steps:
             raise InputError("an explorer explores once; make another, with these scans as given")
-        state, options = PlannerState.of(self.exploration.voxels), self.options
+        options = self.options
+        state = PlannerState.of(self.exploration.voxels, learns=self.infer is not None)
         scans, n_completed, begun_at = list(self.given), 0, list(self.further_starts)
         spots = None if self.spot_of is None else self.spot_of(self.candidates.positions)
         poses, expected = ([], None) if self.start is None else ([self.start], None)
@@ -369,7 +372,8 @@ def next_view(
     boundary, expected = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1), None
     if state.completed is not None:
         sought = wanted & (state.attempts[1] < gain.max_attempts)
-        expected = ExpectedGain(UnknownSpace.of(voxels, state.completed), state.prior, wanted, sought)
+        space, prior = UnknownSpace.of(voxels, state.completed), state.prior or SurfacePrior.none()
+        expected = ExpectedGain(space, prior, wanted, sought)
 
     # The best of all candidates, if it is worth a scan.
     best = best_view(

@@ -249,19 +249,6 @@ class VoxelGrid:
         moved: FloatArray = (floor[:, :, None] + planes[2]).reshape(-1, 3)
         return moved
 
-    def way_out(self, points: FloatArray, rays: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return how far (n,) rays from `points` (n, 3) inside go until they leave the grid, metres.
-
-        The second array is the side (n,) by which they leave: 0..5 for +x, +y, +z, -x, -y, -z.
-        """
-        high = self.origin + np.array(self.shape) * self.voxel_m
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sides = np.where(rays > 0, high - points, self.origin - points) / rays
-        sides = np.where(rays != 0, sides, np.inf)
-        axis = sides.argmin(axis=1)
-        rows = np.arange(len(rays))
-        return np.maximum(sides[rows, axis], 0.0), axis + 3 * (rays[rows, axis] < 0)
-
     def around_cells(self, cells: NDArray[np.int64], radius_m: float) -> NDArray[np.int64]:
         """Numbers (n, k) of the voxels whose centres lie nearer than `radius_m` to those of `cells` (n,).
 
