@@ -8,28 +8,22 @@ FOLDER/results/inference-study.md (default: docs), whose text a person writes.
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from plot_paper_study import DOCS, GREY, INK, put
 
-from nbv.online.limits import RENEWED
+from benchmarks.suites.aware_views import TARGETS, Run, reached, study
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from nbv.coverage.coverage import UNREACHABLE
-from nbv.coverage.measurement import CoverageTally
-from nbv.coverage.surface_classes import ClassShares, KnownSurfaces, classify, shares_of
-from nbv.plan.planning import plan_views
-from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import Sensor
+from nbv.coverage.surface_classes import ClassShares
 from nbv.scanning.sensor_profile import load_sensor
-from scenes import RangeImage, Scene, builtin_scene
+from scenes import builtin_scene
 
 PAGE, PICTURE = "results/inference-study.md", "inference_study.png"
 CASES = {
@@ -37,55 +31,8 @@ CASES = {
     "office": ("office", "generic60"),
     "two_occluders, panorama": ("two_occluders", "panorama"),
 }
-TARGETS = (0.95, 0.99)
 MOST_VIEWS = 80
 MEASURED, MODELLED, INFERRED = "#4A5A63", "#9AA7AD", "#2E7ACC"
-
-
-@dataclass(frozen=True)
-class Run:
-    """One start: (a) plain, (b) plain with completion afterwards, (c) completion-aware.
-
-    `plain` is the share of the area met after each view; `after` and `aware` hold the classes whenever the
-    scans were completed; `reachable` is the share of the area that any candidate can measure as required.
-    """
-
-    reachable: float
-    plain: tuple[float, ...]
-    after: tuple[ClassShares, ...]
-    aware: tuple[ClassShares, ...]
-
-    def plain_views(self, target: float) -> float:
-        """Views that (a) takes to meet `target` of the reachable area; inf for never."""
-        wanted = target * self.reachable - 1e-9
-        return next((k for k, met in enumerate(self.plain, start=1) if met >= wanted), np.inf)
-
-    def reached(self, shares: Sequence[ClassShares], target: float) -> ClassShares | None:
-        """What (b) or (c) was when met, modelled and inferred together first held the same share."""
-        return next((one for one in shares if one.reached >= target - 1e-9), None)
-
-
-def study(scene: Scene, sensor: Sensor, seed: int) -> Run:
-    """Plan from one start, plainly and with completion."""
-    plain = plan_views(scene, sensor, rng=seed, views=MOST_VIEWS, target=max(TARGETS))
-    aware = plan_views(scene, sensor, rng=seed, views=MOST_VIEWS, target=max(TARGETS), infer=True)
-    samples, caster = plain.coverage.samples, scene.ray_caster()
-    tally = CoverageTally.start(caster, samples, plain.requirement)
-    scans, after = list[RangeImage](), list[ClassShares]()
-    possible = plain.coverage.state != UNREACHABLE
-    reachable, met = plain.coverage.reachable, tuple(view.met_fraction or 0.0 for view in plain.views)
-    run = Run(reachable, met, (), aware.shares)
-    for view in plain.views:
-        tally.add(view)
-        scans.append(scan_scene(scene, view, rng=0, caster=caster))
-        if after and len(scans) < RENEWED * after[-1].views:
-            continue
-        completed = KnownSurfaces.of(scans)
-        classes = classify(samples, tally.met, tally.n_views > 0, completed)
-        after.append(shares_of(classes, samples, possible, completed, scene.mesh, len(scans)))
-        if run.reached(after, max(TARGETS)):
-            break
-    return Run(reachable, met, tuple(after), aware.shares)
 
 
 def table(runs: Sequence[Run]) -> str:
@@ -97,8 +44,8 @@ def table(runs: Sequence[Run]) -> str:
     ]
     for target in TARGETS:
         plain = np.array([run.plain_views(target) for run in runs])
-        after = [run.reached(run.after, target) for run in runs]
-        aware = [run.reached(run.aware, target) for run in runs]
+        after = [reached(run.after, target) for run in runs]
+        aware = [reached(run.aware, target) for run in runs]
         views = [
             np.array([np.inf if one is None else one.views for one in found]) for found in (after, aware)
         ]
@@ -167,7 +114,8 @@ def main(arguments: list[str] | None = None) -> None:
     for name in options.cases:
         scene, sensor = CASES[name]
         results[name] = [
-            study(builtin_scene(scene), load_sensor(sensor), seed) for seed in range(options.starts)
+            study(builtin_scene(scene), load_sensor(sensor), seed, most=MOST_VIEWS, every=True)
+            for seed in range(options.starts)
         ]
         print(f"{name}\n{table(results[name])}", flush=True)
     (options.docs / "pictures").mkdir(parents=True, exist_ok=True)

@@ -340,7 +340,9 @@ class PlanningRun:
     def complete(self, scans: Sequence[RangeImage]) -> KnownSurfaces:
         """Let completion of `scans`, those of all views so far, stand in for further views."""
         problem, tally = self.problem, self.tally
-        completed = KnownSurfaces.of(scans, problem.requirement.max_sd_m, n_threads=problem.n_threads)
+        completed = KnownSurfaces.of(
+            scans, problem.requirement.max_sd_m, relates=False, n_threads=problem.n_threads
+        )
         self.classes = classify(problem.samples, tally.met, tally.n_views > 0, completed)
         shares = shares_of(
             self.classes,
