@@ -17,13 +17,13 @@ import numpy as np
 from benchmarks.cases.frames import DATA
 from benchmarks.cases.houses.house import random_house
 from benchmarks.run import head, row, suite
-from nbv.coverage.coverage import UNREACHABLE
+from nbv.coverage.coverage import UNREACHABLE, Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import ClassShares, KnownSurfaces, classify, shares_of
 from nbv.online.limits import RENEWED
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.sensor_profile import load_sensor
 from scenes.checks import BoolArray
 from scenes.io.scene_files import open_scene
@@ -35,9 +35,9 @@ TARGETS = (0.95, 0.99)
 MOST_VIEWS = 45
 SCENES = {
     "office": ("generic60", 120),
-    "flat 37": ("panorama", 240),
-    "flat 35": ("panorama", 240),
-    "flat 39": ("panorama", 240),
+    "flat 37": ("panorama", 300),
+    "flat 39": ("panorama", 300),
+    "flat 30": ("panorama", 300),
 }
 """Sensor of each scene, and its pixels in a row. The office and flat 37 served to tune, the others test."""
 
@@ -95,7 +95,7 @@ def study(
     """
     given: dict[str, Any] = {"rng": seed, "views": most, "target": max(TARGETS), "n_threads": n_threads}
     plain, aware = plan_views(scene, sensor, **given), plan_views(scene, sensor, infer=True, **given)
-    assert plain.coverage is not None  # a fresh plan holds its full coverage
+    assert isinstance(plain.coverage, Coverage)  # a fresh plan holds its full coverage
     samples, caster = plain.coverage.samples, scene.ray_caster(n_threads)
     tally = CoverageTally.start(caster, samples, plain.requirement)
     possible = plain.coverage.state != UNREACHABLE
@@ -143,6 +143,12 @@ def _bisected(after: Callable[[int], ClassShares], target: float, most: int) -> 
     return high
 
 
+def with_width(sensor: Sensor, width: int) -> Sensor:
+    """Return a camera or a panoramic scanner with so many pixels in a row, as wide as before."""
+    assert isinstance(sensor, PinholeSensor | SphericalSensor)
+    return replace(sensor, width=width, height=max(round(sensor.height * width / sensor.width), 2))
+
+
 def scene_of(name: str) -> Scene:
     """Return a built-in scene, a generated flat ("flat 25") or that of a file of the data's folder."""
     if name.startswith("flat "):
@@ -171,8 +177,7 @@ def aware_views(
     ratios: dict[float, list[float]] = {target: [] for target in TARGETS}
     for name in scene or SCENES:
         profile, pixels = SCENES.get(name, SCENES["office"])
-        full, pixels = load_sensor(sensor or profile), width or pixels
-        small = replace(full, width=pixels, height=max(round(full.height * pixels / full.width), 2))
+        small = with_width(load_sensor(sensor or profile), width or pixels)
         for start in range(first, first + starts):
             run = study(scene_of(name), small, start, most=most)
             for target in TARGETS:
