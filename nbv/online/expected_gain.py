@@ -63,9 +63,8 @@ class SurfacePrior:
     def none(cls) -> SurfacePrior:
         """Return the prior before any scan: even chances, as if `TRUSTED_RAYS` rays had shown them."""
         rays, sides, bins = TRUSTED_RAYS, np.ones(6), np.ones(DOUBTFUL + 1)
-        return cls(
-            rays * sides, rays / 2 * sides, rays * sides, rays / 2 * sides, rays * bins, rays / 2 * bins
-        )
+        even = [rays * sides, rays / 2 * sides]
+        return cls(*even, *even, crossed=rays * bins, met=rays / 2 * bins)
 
     def rate_per_m(self) -> FloatArray:
         """Surfaces a metre (6,) of unknown space, by side."""
@@ -145,8 +144,15 @@ class UnknownSpace:
         kind[unknown] = np.where(beside[unknown], _SKIN, _UNKNOWN)
         kind[seen] = _SURFACE
         first = np.searchsorted(surfels.keys, 6 * np.arange(n + 1))
-        normals = np.ascontiguousarray(surfels.normals)
-        return cls(grid, kind, confidence, possible, _outdoors(voxels), first, normals)
+        return cls(
+            grid=grid,
+            kind=kind,
+            confidence=confidence,
+            possible=possible,
+            outdoors=_outdoors(voxels),
+            first=first,
+            normals=np.ascontiguousarray(surfels.normals),
+        )
 
 
 def _outdoors(voxels: VoxelMap) -> BoolArray:

@@ -213,8 +213,8 @@ def best_view(
     required_cosine : float
         At which badly seen surface counts as seen well, margin included.
     expected : callable, optional
-        `ExpectedGain.look`: what views into unknown space are worth; it replaces the unknown faces among the
-        targets.
+        `ExpectedGain.look`: what views into unknown space are worth from a position (3,), within metres; it
+        replaces the unknown faces among the targets.
     n_most : int
         Candidates are compared by at most so many of the targets; the gain of the best is that of all.
     n_threads : int, optional
