@@ -63,8 +63,14 @@ class SurfacePrior:
     def none(cls) -> SurfacePrior:
         """Return the prior before any scan: even chances, as if `TRUSTED_RAYS` rays had shown them."""
         rays, sides, bins = TRUSTED_RAYS, np.ones(6), np.ones(DOUBTFUL + 1)
-        even = [rays * sides, rays / 2 * sides]
-        return cls(*even, *even, crossed=rays * bins, met=rays / 2 * bins)
+        return cls(
+            metres=rays * sides,
+            surfaces=rays / 2 * sides,
+            left=rays * sides,
+            stopped=rays / 2 * sides,
+            crossed=rays * bins,
+            met=rays / 2 * bins,
+        )
 
     def rate_per_m(self) -> FloatArray:
         """Surfaces a metre (6,) of unknown space, by side."""
