@@ -36,8 +36,8 @@ MOST_VIEWS = 45
 SCENES = {
     "office": ("generic60", 120),
     "flat 37": ("panorama", 300),
-    "flat 39": ("panorama", 300),
-    "flat 30": ("panorama", 300),
+    "flat 39": ("panorama", 240),
+    "flat 35": ("panorama", 240),
 }
 """Sensor of each scene, and its pixels in a row. The office and flat 37 served to tune, the others test."""
 
