@@ -28,6 +28,7 @@ from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_suppor
 from nbv.online.gain import BestView, ExpectedGain, SurfacePrior, best_view
 from nbv.online.limits import RENEWED
 from nbv.online.occupancy import VoxelMap
+from nbv.online.possible_solid import PossibleSurface
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
@@ -353,9 +354,9 @@ def next_view(
     """
     # What is worth seeing: unknown faces and badly seen surface in the region of interest.
     voxels, gain = state.voxels, options.gain
-    faces, wanted = voxels.boundary(), voxels_of_interest(voxels, options.zones)
+    surface, wanted = PossibleSurface.of(voxels), voxels_of_interest(voxels, options.zones)
     targets = find_targets(
-        voxels, faces, required_cosine=requirement.min_cosine, attempts=state.attempts, options=gain,
+        voxels, surface, required_cosine=requirement.min_cosine, attempts=state.attempts, options=gain,
         completed=state.completed,
     )  # fmt: skip
     targets = targets.some(wanted[targets.voxel])
@@ -370,8 +371,10 @@ def next_view(
         return Decision(reason=_NOTHING_IN_SIGHT)
 
     # What views into unknown space are expected to bring, where completion says what lies around it.
-    boundary, expected = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1), None
+    expected = None
     if state.completed is not None:
+        faces = voxels.boundary()
+        boundary = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1)
         sought = wanted & (state.attempts[1] < gain.max_attempts)
         expected = ExpectedGain.of(
             voxels, boundary, np.repeat(faces.voxel, 2), worth_entering=sought, completed=state.completed,
@@ -380,7 +383,7 @@ def next_view(
 
     # The best of all candidates, if it is worth a scan.
     best = best_view(
-        boundary, targets, free, sensor=sensor, required_cosine=wanted_cosine(requirement, gain),
+        surface.ray_caster(), targets, free, sensor=sensor, required_cosine=wanted_cosine(requirement, gain),
         expected=expected, n_most=gain.max_targets, n_threads=n_threads,
     )  # fmt: skip
     if best is None:
