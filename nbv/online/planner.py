@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.surface_classes import KnownSurfaces
+from nbv.online.expected_gain import ExpectedGain, SurfacePrior
 from nbv.online.exploration import Exploration, Step
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
-from nbv.online.gain import BestView, ExpectedGain, SurfacePrior, best_view
+from nbv.online.gain import BestView, best_view
 from nbv.online.limits import RENEWED
 from nbv.online.occupancy import VoxelMap
 from nbv.online.possible_solid import PossibleSurface
@@ -384,7 +385,7 @@ def next_view(
     # The best of all candidates, if it is worth a scan.
     best = best_view(
         surface.ray_caster(), targets, free, sensor=sensor, required_cosine=wanted_cosine(requirement, gain),
-        expected=expected, n_most=gain.max_targets, n_threads=n_threads,
+        expected=None if expected is None else expected.look, gain=gain, n_threads=n_threads,
     )  # fmt: skip
     if best is None:
         return Decision(reason=_NOTHING_IN_SIGHT)

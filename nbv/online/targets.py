@@ -33,6 +33,8 @@ class GainOptions:
         A target no longer counts after this many views that should have settled it.
     max_targets : int
         Candidates are compared by at most so many targets; above, every k-th stands for its neighbours.
+    views_ahead : int
+        So many views are planned together, of which the first is taken; 1 takes the largest gain each time.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class GainOptions:
     angle_margin_deg: float = 2.0
     max_attempts: int = 2
     max_targets: int = 2000
+    views_ahead: int = 2
 
     def __post_init__(self) -> None:
         least = min(self.occplane_weight, self.quality_weight, self.modelled_weight, self.angle_margin_deg)
@@ -53,8 +56,8 @@ class GainOptions:
             raise InputError(f"weights and margin of the gain must not be negative, got {self}")
         if self.occplane_weight == 0 and self.quality_weight == 0:
             raise InputError("with both weights 0 no view has any gain; give one a positive weight")
-        if min(self.max_attempts, self.max_targets) < 1:
-            raise InputError(f"max_attempts and max_targets must be at least 1, got {self}")
+        if min(self.max_attempts, self.max_targets, self.views_ahead) < 1:
+            raise InputError(f"max_attempts, max_targets and views_ahead must be at least 1, got {self}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

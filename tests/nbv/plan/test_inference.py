@@ -18,7 +18,8 @@ from nbv.coverage.surface_classes import (
     classify,
     shares_of,
 )
-from nbv.online.gain import ExpectedGain, SurfacePrior, ViewEvaluation
+from nbv.online.expected_gain import ExpectedGain, SurfacePrior
+from nbv.online.gain import ViewEvaluation
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.online.targets import voxels_of_interest
