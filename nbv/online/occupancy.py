@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from nbv.online.limits import FEWEST_VOTES, MOST_SCAN_PIXELS, NEAR_VOXELS, SURE_SD
-from nbv.online.voxels import Surfels, VoxelGrid
+from nbv.online.voxels import Surfels, VoxelGrid, image_normals
 from nbv.scanning.sensor import Sensor
 from scenes.checks import BoolArray, FloatArray, frozen_copy
 from scenes.scan.range_image import RangeImage
@@ -77,6 +77,19 @@ class NearSurface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DepthView:
+    """A scan, and the normals (rows, columns, 3) of what its pixels see, NaN where unknown."""
+
+    scan: RangeImage
+    normals: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, scan: RangeImage, baseline_m: float) -> DepthView:
+        """Return the view of a scan; normals are estimated over `baseline_m` metres (`image_normals`)."""
+        return cls(scan, image_normals(scan, baseline_m).normals.astype(np.float32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class VoxelMap:
     """What is known of a volume.
 
@@ -97,8 +110,8 @@ class VoxelMap:
         Where the scanners stood, metres.
     near : NearSurface
         How far the voxels near surface lie off it.
-    views : tuple of RangeImage
-        The scans, thinned: they tell how well each place of the surface was measured.
+    views : tuple of DepthView
+        What the scans, thinned, say of each place of the surface.
     """
 
     grid: VoxelGrid
@@ -108,7 +121,7 @@ class VoxelMap:
     outside_is_empty: bool = False
     stood: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     near: NearSurface = field(default_factory=lambda: NearSurface.none(0))
-    views: tuple[RangeImage, ...] = ()
+    views: tuple[DepthView, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", frozen_copy(self.labels, np.int8))
@@ -153,7 +166,7 @@ class VoxelMap:
         labels[hit] = SEEN
         labels[_strays(labels, votes, surfels)] = EMPTY
         stood = np.vstack([self.stood, scan.origin])
-        views = (*self.views, scan.thin(MOST_SCAN_PIXELS))
+        views = (*self.views, DepthView.of(scan.thin(MOST_SCAN_PIXELS), self.grid.voxel_m / 2))
         return replace(
             self, labels=labels, surfels=surfels, votes=votes, stood=stood, near=near, views=views
         )._with_occplane()

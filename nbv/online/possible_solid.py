@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
 from nbv.online.limits import FLATTEST, FLATTEST_EXPECTED, SURE_SD
-from nbv.online.occupancy import EMPTY, VoxelMap
+from nbv.online.occupancy import EMPTY, DepthView, VoxelMap
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster
-from scenes.scan.range_image import RangeImage
 
 _NEVER = -1.0  # cosine of what no scan has measured
 _BARELY = 0.1  # of a voxel's side: least distance of the middle of an empty voxel from the surface
@@ -69,10 +68,12 @@ class PossibleSurface:
         normals = _smooth(across[kept], faces, len(vertices))
         centres = corners.mean(axis=1)
         cosine = np.full(len(faces), _NEVER)
-        for scan in voxels.views:
-            np.maximum(cosine, _measured_cosine(scan, centres, normals, side), out=cosine)
-        behind = grid.index_of(centres - normals * (side / 2))
-        return cls(vertices, faces, centres, normals, areas, behind, cosine)
+        behind, best = grid.index_of(centres - normals * (side / 2)), normals.copy()
+        for view in voxels.views:
+            index, met, measured = _met_by(view, centres, normals, side)
+            better = met > cosine[index]
+            cosine[index[better]], best[index[better]] = met[better], measured[better]
+        return cls(vertices, faces, centres, best, areas, behind, cosine)
 
     @classmethod
     def _none(cls) -> PossibleSurface:
@@ -119,19 +120,27 @@ def _smooth(across: FloatArray, faces: NDArray[np.int32], n_vertices: int) -> Fl
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
 
 
-def _measured_cosine(scan: RangeImage, points: FloatArray, normals: FloatArray, side: float) -> FloatArray:
-    """Cosine of incidence (n,) at which a scan measured surface at points (n, 3); -1 where it did not."""
+def _met_by(
+    view: DepthView, points: FloatArray, normals: FloatArray, side: float
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Return which points (n, 3) of the surface a scan met, its cosines of incidence there, and normals.
+
+    The normals are those of the pixels, `normals` (n, 3) of the surface where a pixel has none.
+    """
+    scan = view.scan
     towards = scan.origin - points
     distance = np.linalg.norm(towards, axis=1)
-    cosine = np.einsum("ij,ij->i", towards, normals) / np.maximum(distance, 1e-30)
-    index = np.flatnonzero(cosine > FLATTEST)
+    towards /= np.maximum(distance, 1e-30)[:, None]
+    slope = np.einsum("ij,ij->i", towards, normals)
+    index = np.flatnonzero(slope > FLATTEST)
     pixels = scan.pixels(points[index])
     inside = np.isfinite(pixels).all(axis=1)
     index = index[inside]
     row, column = np.rint(pixels[inside]).astype(np.int64).T
     off = np.abs(scan.ranges[row, column] - distance[index])  # NaN without return
-    across = off * np.maximum(cosine[index], FLATTEST_EXPECTED)
+    across = off * np.maximum(slope[index], FLATTEST_EXPECTED)
     met = across <= _NEAR * side + SURE_SD * (scan.sigma_m or 0.0)
-    found = np.full(len(points), _NEVER)
-    found[index[met]] = cosine[index[met]]
-    return found
+    index = index[met]
+    measured = view.normals[row[met], column[met]].astype(np.float64)
+    measured = np.where(np.isfinite(measured), measured, normals[index])
+    return index, np.einsum("ij,ij->i", towards[index], measured), measured
