@@ -22,6 +22,8 @@ from scenes.rays.raycast import RayCaster
 
 _NEVER = -1.0  # cosine of what no scan has measured
 _BARELY = 0.1  # of a voxel's side: least distance of the middle of an empty voxel from the surface
+import os
+AGREE=float(os.environ.get('AGREE','.5'))
 _NEAR = 1.5  # sides of a voxel, across the surface, within which a scan that met something met this surface
 
 
@@ -142,5 +144,6 @@ def _met_by(
     met = across <= _NEAR * side + SURE_SD * (scan.sigma_m or 0.0)
     index = index[met]
     measured = view.normals[row[met], column[met]].astype(np.float64)
-    measured = np.where(np.isfinite(measured), measured, normals[index])
+    agree = np.einsum("ij,ij->i", measured, normals[index]) > AGREE  # NaN without a normal
+    measured = np.where(agree[:, None], measured, normals[index])
     return index, np.einsum("ij,ij->i", towards[index], measured), measured
