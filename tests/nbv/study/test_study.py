@@ -20,9 +20,10 @@ from nbv.cli import app
 from nbv.cover.pipeline import CoverOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.plan.plan import read_plan
-from nbv.plan.planning import Method, plan_views
+from nbv.plan.planning import plan_views
 from nbv.plan.problem import RemoteVisibility, SharedArrays
 from nbv.run.manifest import versions
+from nbv.run.plan_options import Method
 from nbv.run.workers import ThisProcess, _check_versions, cluster
 from nbv.scanning.sensor import PinholeSensor
 from nbv.study.archive import RecordArchive
