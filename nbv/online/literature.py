@@ -334,7 +334,9 @@ def nearest_view_of_edges(
     surfels, side = voxels.surfels, voxels.grid.voxel_m
     points = surfels.points[edges]
     space = KnownSpace.of(voxels, np.ones(voxels.grid.n_voxels, np.bool_))
-    look = partial(_straightness, points, surfels.normals[edges], space, candidates, sensor)
+    look = partial(
+        _straightness, points, surfels.normals[edges], space=space, candidates=candidates, sensor=sensor
+    )
     with threads(_BYTES_A_RAY * len(edges), n_threads) as pool:
         cosine, direction = map(np.array, zip(*pool.map(look, range(candidates.n_positions)), strict=True))
     proposals = np.flatnonzero(cosine.max(axis=0) > 0)
@@ -356,10 +358,11 @@ def nearest_view_of_edges(
 def _straightness(
     points: FloatArray,
     normals: FloatArray,
+    position: int,
+    *,
     space: KnownSpace,
     candidates: Candidates,
     sensor: Sensor,
-    position: int,
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the cosine (m,) at which a position sees points (m, 3), 0 where it does not, and the direction.
 

@@ -27,6 +27,7 @@ from nbv.visibility.viewpoints import Candidates
 from scenes import Scene
 from scenes.checks import InputError
 from scenes.pose import Pose
+from scenes.run.journal import NO_JOURNAL, FileJournal, Journal
 
 SENSOR = PinholeSensor(fov_deg=60, width=90, height=90, max_range_m=100)
 SIDE = 9
@@ -289,11 +290,13 @@ CAMERA = PinholeSensor(fov_deg=50, width=64, height=64, max_range_m=6)
 PLACES = sphere_candidates(WORLD, CAMERA, 40)
 
 
-def explored(criterion: str, n_threads: int | None = 1, max_views: int = 4) -> Exploration:
+def explored(
+    criterion: str, n_threads: int | None = 1, max_views: int = 4, journal: Journal = NO_JOURNAL
+) -> Exploration:
     return explore(
         lambda pose: scan_scene(WORLD, pose, CAMERA, rng=0), WORLD.mesh.bounds(), PLACES.pose(0), PLACES,
         CAMERA, options=PlannerOptions(max_views=max_views, criterion=criterion), from_outside=True,
-        n_threads=n_threads,
+        journal=journal, n_threads=n_threads,
     )  # fmt: skip
 
 
@@ -310,16 +313,26 @@ def test_every_criterion_explores_the_same_on_any_number_of_threads(criterion: s
 
 def test_set_cover_decides_once(monkeypatch: pytest.MonkeyPatch) -> None:
     decided = []
-    monkeypatch.setattr(
-        planner,
-        "choose_views",
-        lambda *given, **named: decided.append(choose_views(*given, **named)) or decided[-1],
-    )
+
+    def decide(*given, **named):
+        decided.append(choose_views(*given, **named))
+        return decided[-1]
+
+    monkeypatch.setattr(planner, "choose_views", decide)
     found = explored("set-cover", max_views=40)
     assert len(decided) == 1
     assert found.stopped_because == "all views that were planned at once are taken"
     assert [step.world_from_sensor.matrix.tobytes() for step in found.steps[1:]] == [
         view.pose.matrix.tobytes() for view in decided[0]
+    ]
+
+
+def test_a_cover_that_was_begun_is_gone_on_with(tmp_path, monkeypatch) -> None:
+    whole = explored("set-cover", max_views=5, journal=FileJournal(tmp_path, "key"))
+    monkeypatch.setattr(planner, "choose_views", None)
+    again = explored("set-cover", max_views=5, journal=FileJournal(tmp_path, "key"))
+    assert [step.world_from_sensor.matrix.tobytes() for step in again.steps] == [
+        step.world_from_sensor.matrix.tobytes() for step in whole.steps
     ]
 
 
