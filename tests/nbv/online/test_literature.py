@@ -276,7 +276,7 @@ def test_set_cover_takes_both_sides_of_a_wall_and_nothing_else() -> None:
 def test_no_view_is_taken_twice_nor_where_nothing_is_unknown(criterion: str) -> None:
     labels, surfels = plates(((4, slice(2, 7), slice(2, 7)), (1, 0, 0)))
     candidates = views_from((1, 0, 0), (1, 0.3, 0))
-    assert chosen(criterion, map_of(labels, surfels), candidates) == []
+    assert chosen(criterion, map_of(labels, surfels), candidates, least_m2=0.0) == []
     labels[4, 7, 2:7] = OCCLUDED
     stood = candidates.positions[:1]
     assert chosen(criterion, map_of(labels, surfels, stood), candidates)[0].translation == pytest.approx(
