@@ -29,11 +29,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_edt
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array, vstack
+from scipy.spatial import cKDTree
 
 from nbv.cover.instance import CoverInstance
 from nbv.cover.pipeline import CoverOptions, find_cover
@@ -54,6 +56,9 @@ in the code of Isler et al., and the bounds of its probabilities, which many ray
 NEAREST_VOXELS = 30
 """Occluded voxels farther from seen surface count nothing for proximity: the 0.3 m of 1 cm voxels of the
 authors' code."""
+_AROUND_VOXELS = 3.0  # radius around a surfel in which the others tell whether it is at an edge
+_EDGE_SHIFT = 0.3  # of it: at a straight edge the middle of a half disc is 0.42 off; at a crease, 0.21
+_OTHER_SIDE = -0.5  # cosine of two normals below which one is that of the other side of a sheet
 _MOST_EDGES = 2000  # edge points that views are compared by; above, every k-th
 _SLACK_VOXELS = 2.0  # before a point of seen surface; its own voxel ends the ray
 _POLISH_STEPS = 10_000
@@ -295,14 +300,28 @@ def cover_at_once(shown: csr_array, least: float) -> tuple[int, ...]:
 def edges_of_surface(voxels: VoxelMap, counts: BoolArray) -> NDArray[np.int64]:
     """Numbers (m,) of the surfels at the edge of seen surface, in voxels that count (n_voxels,).
 
-    Their voxel touches, be it by a corner, an unknown voxel that touches an empty one.
+    The surfels around one at an edge lie off to one side in its tangent plane; on the other side, or a voxel
+    behind, unknown space begins.
     """
-    shape, touching = voxels.grid.shape, np.ones((3, 3, 3), np.bool_)
-    empty = (voxels.labels == EMPTY).reshape(shape)
-    unknown = ~empty & (voxels.labels != SEEN).reshape(shape)
-    edge = unknown & binary_dilation(empty, touching, border_value=voxels.outside_is_empty)
-    beside = binary_dilation(edge, touching).ravel() & counts
-    return np.flatnonzero(beside[voxels.surfels.voxels])
+    surfels, side = voxels.surfels, voxels.grid.voxel_m
+    n, radius = len(surfels.keys), _AROUND_VOXELS * side
+    pairs = cKDTree(surfels.points).query_pairs(radius, output_type="ndarray").reshape(-1, 2)
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    same = np.einsum("ij,ij->i", surfels.normals[one], surfels.normals[other]) > _OTHER_SIDE
+    one, other = one[same], other[same]
+    offsets = surfels.points[other] - surfels.points[one]
+    sums = np.stack([np.bincount(one, offsets[:, axis], n) for axis in range(3)], axis=1)
+    shift = sums / (1 + np.bincount(one, minlength=n))[:, None]
+    shift -= np.einsum("ij,ij->i", shift, surfels.normals)[:, None] * surfels.normals
+    length = np.linalg.norm(shift, axis=1)
+    edges = np.flatnonzero((length > _EDGE_SHIFT * radius) & counts[surfels.voxels])
+    onward = -shift[edges] / length[edges, None]
+    unknown, is_unknown = np.zeros(len(edges), np.bool_), ~np.isin(voxels.labels, (EMPTY, SEEN))
+    for ahead, behind in product(range(1, int(_AROUND_VOXELS) + 1), range(2)):
+        place = surfels.points[edges] + side * (ahead * onward - behind * surfels.normals[edges])
+        cell = voxels.grid.index_of(place)
+        unknown |= (cell >= 0) & is_unknown[cell]
+    return edges[unknown]
 
 
 def nearest_view_of_edges(
@@ -317,10 +336,11 @@ def nearest_view_of_edges(
     """Return the nearest of the views that look straight at a point on the edge of seen surface, or None.
 
     Border et al. (2018): seen surface is explored along its edge; each edge point proposes a view along the
-    surface normal, and of all proposals the nearest is taken. Same: that. Different: an edge is where seen
-    voxels touch the unknown, not where the density of points drops; the proposal is the candidate that sees
-    the point most nearly along its normal; of equally near ones, that which sees most edge points is taken.
-    Occlusion and coverage, which later versions estimate from the points, are those of the voxel map.
+    surface normal, and of all proposals the nearest is taken. Same: that, and that many small steps save way,
+    not views. Different: an edge is where surfels end before unknown space, not where the density of points
+    drops; the proposal is the candidate that sees the point most nearly along its normal; of equally near
+    ones, that which sees most edge points is taken. Occlusion, which later versions estimate from the points,
+    is that of the voxel map.
 
     Parameters
     ----------

@@ -91,8 +91,8 @@ def views_needed(groups: Sequence[OutcomeGroup], share: float, planners: Sequenc
         axes.set_xlabel(f"views until {100 * share:g} % of what can be is measured as required")
         axes.grid(visible=False, axis="y")
         handles = [Patch(color=colour_of(k), alpha=0.75, label=name) for k, name in enumerate(planners)]
-        axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=_fitting_columns(planners),
-                    frameon=False, fontsize=8, borderaxespad=0.2)  # fmt: skip
+        axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), frameon=False, fontsize=8,
+                    ncols=_fitting_columns(planners), borderaxespad=0.2)  # fmt: skip
 
     height = 1.2 + len(settings) * (0.25 + 0.19 * len(planners))
     return drawn_plot(draw, (1.5 * _WIDTH, height))

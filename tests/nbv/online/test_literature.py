@@ -221,15 +221,23 @@ def plates(
 
 def test_the_edge_of_surface_is_where_the_unknown_begins() -> None:
     labels, surfels = plates(((4, slice(2, 7), slice(2, 7)), (1, 0, 0)))
-    labels[4, 7, 2:7] = UNSEEN
-    voxels = map_of(labels, surfels)
     counts = np.ones(labels.size, np.bool_)
-    edges = surfels.voxels[edges_of_surface(voxels, counts)]
+    assert not len(edges_of_surface(map_of(labels, surfels), counts))  # known space lies all around
+    labels[4, 7, 1:8] = UNSEEN
+    edges = surfels.voxels[edges_of_surface(map_of(labels, surfels), counts)]
     assert edges.tolist() == [np.ravel_multi_index((4, 6, z), labels.shape) for z in range(2, 7)]
     counts[edges[0]] = False
-    assert len(edges_of_surface(voxels, counts)) == 4
-    labels[3:6, 7, 2:7] = labels[4, 8, 2:7] = SEEN  # nothing empty is left beside the unknown
-    labels[3:6, 6:9, 1:8][labels[3:6, 6:9, 1:8] == EMPTY] = SEEN
+    assert len(edges_of_surface(map_of(labels, surfels), counts)) == 4
+    labels[4, 7], labels[3, 7, 1:8] = EMPTY, UNSEEN  # surface that bends away from where it was seen
+    assert surfels.voxels[edges_of_surface(map_of(labels, surfels), counts)].tolist() == edges[1:].tolist()
+
+
+def test_a_crease_is_no_edge() -> None:
+    """Of a floor and a wall, with the unknown below and behind, only the far sides are edges."""
+    labels, surfels = plates(
+        ((slice(1, 9), slice(0, 9), 0), (0, 0, 1)), ((0, slice(0, 9), slice(1, 9)), (1, 0, 0))
+    )
+    labels[0, :, 0] = UNSEEN
     assert not len(edges_of_surface(map_of(labels, surfels), np.ones(labels.size, np.bool_)))
 
 
