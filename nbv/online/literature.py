@@ -20,8 +20,9 @@ what was published; entropy, rear sides, proximity and covering follow the autho
 
 Common to all, and not of these papers: a view's rays form a grid, and each counts by the solid angle that it
 stands for, as if pixels had equal ones; unknown voxels that several views have not settled end rays and count
-no more; a view that shows no unknown voxel is not taken, and none is taken twice; of equal scores the view
-that shows more unknown voxels is taken. None of these criteria knows the required angle of incidence.
+no more; a view that shows no unknown voxel is not taken, nor is one repeated at once, nor a position with a
+single direction visited again; of equal scores the view that shows more unknown voxels is taken. None of
+these criteria knows the required angle of incidence.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.online.gain import BestView, ViewEvaluation
 from nbv.online.limits import FLATTEST
 from nbv.online.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, VoxelMap
-from nbv.online.voxel_walk import AROUND, KnownSpace, Rays, Walked
+from nbv.online.voxel_walk import AROUND, MEASURED, PASSED, KnownSpace, Rays, Walked
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.limits import SAME_M
 from nbv.visibility.viewpoints import Candidates
@@ -169,11 +170,19 @@ def choose_views(
             return tuple(views.evaluate(number) for number in chosen)
         scored = list(pool.map(partial(views.score, RAY_CRITERIA[criterion]), each))
     scores, shown = (np.concatenate(parts) for parts in zip(*scored, strict=True))
+    shown[_is_pose(candidates, here).ravel()] = 0
     worthwhile = np.flatnonzero((shown > 0) & (shown * voxels.grid.voxel_m**2 >= least_m2))
     if not len(worthwhile):
         return ()
     order = np.lexsort((-shown[worthwhile], -scores[worthwhile]))
     return (views.evaluate(int(worthwhile[order[0]])),)
+
+
+def _is_pose(candidates: Candidates, here: Pose) -> BoolArray:
+    """Tell which candidates, (n_positions, n_directions), are the pose `here`."""
+    at = np.linalg.norm(candidates.positions - here.translation, axis=1) <= SAME_M
+    along: BoolArray = candidates.directions @ here.rotation[:, 2] > 1 - SAME_M
+    return along & at[:, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -339,8 +348,8 @@ def nearest_view_of_edges(
     surface normal, and of all proposals the nearest is taken. Same: that, and that many small steps save way,
     not views. Different: an edge is where surfels end before unknown space, not where the density of points
     drops; the proposal is the candidate that sees the point most nearly along its normal; of equally near
-    ones, that which sees most edge points is taken. Occlusion, which later versions estimate from the points,
-    is that of the voxel map.
+    ones, that which sees most edge points is taken. As in later versions, seen surface hides points; unknown
+    space does not.
 
     Parameters
     ----------
@@ -353,17 +362,20 @@ def nearest_view_of_edges(
         return None
     surfels, side = voxels.surfels, voxels.grid.voxel_m
     points = surfels.points[edges]
-    space = KnownSpace.of(voxels, np.ones(voxels.grid.n_voxels, np.bool_))
+    seen_alone = np.where(voxels.labels == SEEN, MEASURED, PASSED).astype(np.int8)
+    shape = voxels.grid.shape
+    space = KnownSpace(voxels.grid, seen_alone.reshape(shape), np.zeros(shape, np.float32))
     look = partial(
-        _straightness, points, surfels.normals[edges], space=space, candidates=candidates, sensor=sensor
-    )
+        _straightness, points, surfels.normals[edges], space=space, candidates=candidates,
+        taken=_is_pose(candidates, here), sensor=sensor,
+    )  # fmt: skip
     with threads(_BYTES_A_RAY * len(edges), n_threads) as pool:
         cosine, direction = map(np.array, zip(*pool.map(look, range(candidates.n_positions)), strict=True))
     proposals = np.flatnonzero(cosine.max(axis=0) > 0)
     if not len(proposals):
         return None
-    position = cosine[:, proposals].argmax(axis=0)
-    numbers = np.unique(position * candidates.n_directions + direction[position, proposals])
+    straightest = cosine[:, proposals].argmax(axis=0)
+    numbers = np.unique(straightest * candidates.n_directions + direction[straightest, proposals])
     places = candidates.positions[numbers // candidates.n_directions]
     way = np.linalg.norm(places - here.translation, axis=1)
     found = list[BestView]()
@@ -382,11 +394,13 @@ def _straightness(
     *,
     space: KnownSpace,
     candidates: Candidates,
+    taken: BoolArray,
     sensor: Sensor,
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the cosine (m,) at which a position sees points (m, 3), 0 where it does not, and the direction.
 
-    Of the position's directions the one that looks most nearly at the point.
+    Of the position's directions that are not `taken` (n_positions, n_directions), the one that looks most
+    nearly at the point.
     """
     towards = points - candidates.positions[position]
     away = np.maximum(np.linalg.norm(towards, axis=1), SAME_M)
@@ -395,7 +409,8 @@ def _straightness(
     walked = space.walk(candidates.positions[position], rays, sensor.max_range_m)
     free = walked.away * space.grid.voxel_m >= away - _SLACK_VOXELS * space.grid.voxel_m
     rotations = candidates.rotations_at(position)
-    direction = (rays.directions @ rotations[:, :, 2].T).argmax(axis=1)
+    aims = np.where(taken[position], -np.inf, rays.directions @ rotations[:, :, 2].T)
+    direction = aims.argmax(axis=1)
     inside = sensor.sees(np.einsum("mi,mij->mj", rays.directions, rotations[direction]))
-    near = (away >= sensor.min_range_m) & (away <= sensor.max_range_m)
-    return np.where(free & inside & near & (cosine >= FLATTEST), cosine, 0.0), direction
+    inside &= (away >= sensor.min_range_m) & (away <= sensor.max_range_m) & np.isfinite(aims.max(axis=1))
+    return np.where(free & inside & (cosine >= FLATTEST), cosine, 0.0), direction

@@ -11,8 +11,7 @@ from typing import Literal, get_args
 
 from scenes.run.option import NOT_NEGATIVE, POSITIVE, NumberRange, minutes, option
 
-OnlineMethod = Literal[
-    "nbv",
+LiteratureMethod = Literal[
     "online:frontier",
     "online:entropy",
     "online:rear-side",
@@ -20,11 +19,13 @@ OnlineMethod = Literal[
     "online:surface-edge",
     "online:set-cover",
 ]
-"""Planners that know the scene by their scans alone: ours, and criteria of the literature."""
-ONLINE_METHODS: tuple[str, ...] = get_args(OnlineMethod)
+"""Online planners by a criterion of the literature (`nbv.online.literature`)."""
+ONLINE_METHODS: tuple[str, ...] = ("nbv", *get_args(LiteratureMethod))
+"""Planners that know the scene by their scans alone."""
 Method = Literal[
-    OnlineMethod,
+    "nbv",
     "cover",
+    LiteratureMethod,
     "greedy",
     "visibility",
     "farthest",
@@ -32,7 +33,7 @@ Method = Literal[
     "rule:grid5m",
     "rule:rooms-and-doorways",
 ]
-"""All planners; those after "cover" are baselines (`nbv.plan.offline_plan`)."""
+"""All planners; those after "cover" are baselines (the others in `nbv.plan.offline_plan`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +84,7 @@ class RequirementOptions:
 class SearchOptions:
     """The planner, and when a plan ends: see `nbv.plan.planning.plan_views`."""
 
-    method: Literal[OnlineMethod, "cover"] = option(
+    method: Literal["nbv", "cover", LiteratureMethod] = option(
         "--method",
         "Plan online without knowing the scene (nbv; online:NAME by a criterion of the literature), or "
         "offline with it (cover).",

@@ -293,6 +293,24 @@ def test_no_view_is_taken_twice_nor_where_nothing_is_unknown(criterion: str) -> 
     assert chosen(criterion, map_of(labels, surfels, candidates.positions), candidates) == []
 
 
+@pytest.mark.parametrize("criterion", [*RAY_CRITERIA, "surface-edge"])
+def test_a_view_with_other_directions_is_not_repeated_at_once(criterion: str) -> None:
+    labels, surfels = plates(((4, slice(2, 7), slice(2, 7)), (1, 0, 0)))
+    labels[4, 7, 1:8] = labels[3, 2:7, 2:7] = OCCLUDED
+    place, ahead = MIDDLE + (20, 0, 0), np.array([[-1.0, 0.0, 0.0], [-1.0, 0.3, 0.0], [0.0, 0.0, 1.0]])
+    candidates = Candidates(place[None], ahead)
+    counts = np.ones((2, labels.size), np.bool_)
+    taken = [
+        choose_views(
+            criterion, map_of(labels, surfels), candidates, Pose.looking_at(place, place + way),
+            sensor=SENSOR, counts=counts, least_m2=0.0,
+        )[0].pose.rotation[:, 2]
+        for way in (ahead[2], ahead[0])
+    ]  # fmt: skip
+    assert taken[0] == pytest.approx(ahead[0])
+    assert taken[1] == pytest.approx(ahead[1] / np.linalg.norm(ahead[1]))
+
+
 WORLD = Scene.from_mesh(trimesh.creation.capsule(height=0.5, radius=0.2), mode="object")
 CAMERA = PinholeSensor(fov_deg=50, width=64, height=64, max_range_m=6)
 PLACES = sphere_candidates(WORLD, CAMERA, 40)

@@ -194,7 +194,7 @@ def test_baselines_that_choose_blindly_follow_their_seed():
 def test_baselines_refuse_what_they_cannot():
     with pytest.raises(InputError, match="nbv or cover, not of random"):
         planned("random", infer=True)
-    with pytest.raises(InputError, match="method must be one of nbv, cover, greedy"):
+    with pytest.raises(InputError, match="method must be one of nbv, cover, online:frontier"):
         planned("best")
 
 
