@@ -181,8 +181,8 @@ def choose_views(
 def _is_pose(candidates: Candidates, here: Pose) -> BoolArray:
     """Tell which candidates, (n_positions, n_directions), are the pose `here`."""
     at = np.linalg.norm(candidates.positions - here.translation, axis=1) <= SAME_M
-    along: BoolArray = candidates.directions @ here.rotation[:, 2] > 1 - SAME_M
-    return along & at[:, None]
+    along = candidates.directions @ here.rotation[:, 2] > 1 - SAME_M
+    return np.asarray(along & at[:, None])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
