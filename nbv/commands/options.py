@@ -407,8 +407,8 @@ class PlanOptions:
         method, search = self.search.method, self.search
         if self.scene is None and not self.scans:
             raise typer.BadParameter("give SCENE, or --scans SCAN one or more times, or both")
-        if self.scene is None and method == "cover":
-            raise typer.BadParameter("--method cover knows the scene: give SCENE, or leave the method out")
+        if self.scene is None and method != "nbv":
+            raise typer.BadParameter(f"--method {method} needs a scene: give SCENE, or leave the method out")
         if self.scene is not None and self.plan is not None:
             raise typer.BadParameter("--plan is an earlier plan of next stations: leave SCENE out, or --plan")
         if self.scene is None and (self.without or self.site.start is not None):

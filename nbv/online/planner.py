@@ -28,6 +28,7 @@ from nbv.online.exploration import Exploration, Step
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
 from nbv.online.gain import BestView, best_view
 from nbv.online.limits import RENEWED
+from nbv.online.literature import CRITERIA, choose_views
 from nbv.online.occupancy import VoxelMap
 from nbv.online.possible_solid import PossibleSurface
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
@@ -67,11 +68,13 @@ class PlannerOptions:
     zones : Zones
         Only what lies in the region is worth seeing (anything, until known space reaches it), and no station
         lies in what is to be kept out of.
+    criterion : str
+        What a view is chosen by: "gain", or one of the literature (`nbv.online.literature.CRITERIA`).
 
     Raises
     ------
     InputError
-        A negative clearance or epsilon, no views.
+        A negative clearance or epsilon, no views, another criterion.
     """
 
     voxel_m: float | None = None
@@ -81,8 +84,11 @@ class PlannerOptions:
     max_views: int = 200
     gain: GainOptions = field(default_factory=GainOptions)
     zones: Zones = EVERYWHERE
+    criterion: str = "gain"
 
     def __post_init__(self) -> None:
+        if self.criterion not in ("gain", *CRITERIA):
+            raise InputError(f"criterion must be one of gain, {', '.join(CRITERIA)}, got {self.criterion!r}")
         if self.clearance_m < 0 or (self.epsilon_m2 or 0.0) < 0:
             raise InputError(
                 f"clearance and epsilon must not be negative, got {self.clearance_m}, {self.epsilon_m2}"
@@ -129,10 +135,14 @@ class PlannerState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """The next view, or the reason why no further view pays: exactly one of the two."""
+    """The next view, or the reason why no further view pays: exactly one of the two.
+
+    `then` are the views that follow it without a further decision; None to decide anew after its scan.
+    """
 
     view: BestView | None = None
     reason: str | None = None
+    then: tuple[BestView, ...] | None = None
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -185,6 +195,7 @@ class Explorer:
         spots = None if self.spot_of is None else self.spot_of(self.candidates.positions)
         poses, expected = ([], None) if self.start is None else ([self.start], None)
         chosen: BestView | None = None
+        following: tuple[BestView, ...] | None = None
         while True:
             # Scan from the last view, and learn from the scan.
             if poses:
@@ -218,8 +229,11 @@ class Explorer:
                 next_view, state, left, poses[-1] if poses else self.given[-1].world_from_sensor,
                 sensor=self.sensor, requirement=self.requirement, options=options, n_threads=self.n_threads,
             )  # fmt: skip
-            decision = self.journal.step(f"view-{len(poses) + 1:04d}", decide)
-            chosen = decision.view
+            if following is None:
+                decision = self.journal.step(f"view-{len(poses) + 1:04d}", decide)
+            else:
+                decision = _next_of(following)
+            chosen, following = decision.view, decision.then
             if chosen is None:
                 begun_at = _unknown_starts(begun_at, state.voxels, options)
                 if not begun_at:
@@ -331,6 +345,13 @@ def explore(
     return explorer.exploration
 
 
+def _next_of(following: tuple[BestView, ...]) -> Decision:
+    """Return the next of the views that were planned at once."""
+    if not following:
+        return Decision(reason="all views that were planned at once are taken")
+    return Decision(view=following[0], then=following[1:])
+
+
 def _unknown_starts(starts: list[Pose], voxels: VoxelMap, options: PlannerOptions) -> list[Pose]:
     """Return the starts at which no scan shows yet that one can stand."""
     places = np.array([start.translation for start in starts]).reshape(-1, 3)
@@ -370,6 +391,17 @@ def next_view(
     )
     if not free.n_poses:
         return Decision(reason=_NOTHING_IN_SIGHT)
+
+    # What a criterion of the literature would take.
+    if options.criterion != "gain":
+        views = choose_views(
+            options.criterion, voxels, free, here, sensor=sensor,
+            counts=wanted & (state.attempts < gain.max_attempts), least_m2=_epsilon_m2(options, voxels),
+            n_threads=n_threads,
+        )  # fmt: skip
+        if not views:
+            return Decision(reason=_NOTHING_IN_SIGHT)
+        return Decision(view=views[0], then=views[1:] if options.criterion == "set-cover" else None)
 
     # What views into unknown space are expected to bring, where completion says what lies around it.
     expected = None

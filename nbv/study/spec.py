@@ -19,8 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from nbv.plan.planning import Method
-from nbv.run.plan_options import RequirementOptions, SearchOptions
+from nbv.run.plan_options import Method, RequirementOptions, SearchOptions
 from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
 from scenes.io.checks.documents import read_toml, within_folder

@@ -22,9 +22,11 @@ def rows(text: str) -> dict[str, list[str]]:
 def test_the_bunny_is_seen_better_by_who_knows_more(monkeypatch):
     monkeypatch.setattr(bunny, "N_VIEWS", 4)
     monkeypatch.setattr(bunny, "SENSOR", PinholeSensor(fov_deg=70, width=640, height=360))
-    table = rows("\n".join(bunny.bunny(30, 3000, starts=2, blind=5)))
+    table = rows("\n".join(bunny.bunny(30, 3000, starts=2, blind=5, literature=True)))
     last = {name: float(cells[-1]) for name, cells in table.items() if name != "planner"}
-    assert list(last)[:3] == ["online", "online, w_q = 0", "farthest-point"]
+    assert list(last)[:3] == ["online", "online, w_q = 0", "online:frontier"]
+    assert list(last)[8] == "farthest-point"
+    assert min(last[name] for name in last if name.startswith("online:")) > 25
     assert last["greedy for 60 deg"] >= last["online"] > 60
     assert last["online"] > last["random"]
 
