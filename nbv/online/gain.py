@@ -76,8 +76,9 @@ class ViewEvaluation:
     """What a position sees of n targets in all directions.
 
     `offsets` (n, 3) are from the position, metres along the world's axes; `worth_m2` (n,) is what each is
-    worth from there, and `share` (n,) the part of it that seeing it from there settles. A ray that meets nothing known leaves the volume by the `side` (n,) 0..5 (+x, +y, +z,
-    -x, -y, -z); -1 for what is known to be there.
+    worth from there, and `share` (n,) the part 0..1 of it that seeing it from there settles. A ray that meets
+    nothing known leaves the volume by the `side` (n,) 0..5 (+x, +y, +z, -x, -y, -z); -1 for what is known to
+    be there.
     """
 
     offsets: FloatArray
@@ -214,8 +215,9 @@ def best_view(
 ) -> BestView | None:
     """Return the candidate to take next; None where none has any gain.
 
-    The next views are planned together, so many as `gain` looks ahead (`plan_ahead`); the one of them with
-    the largest gain is taken.
+    Once less of the worth is unknown than was seen badly, the next views are planned together, as many as
+    `gain` looks ahead (`plan_ahead`), and the one of them with the largest gain is taken; before that, what
+    the next scan finds changes more than a plan can tell, and the candidate with the largest gain is taken.
 
     Parameters
     ----------
@@ -246,12 +248,14 @@ def best_view(
     with threads(_BYTES_A_TARGET * len(few) + _BYTES_A_LOOK, n_threads) as pool:
         seen = list(pool.map(partial(sees, few), candidates.positions))
     accumulator = Accumulator.of([evaluation.offsets for evaluation in seen], candidates, sensor)
+    unknown = targets.worth_m2[targets.is_unknown].sum()
+    is_known = expected is None and unknown < targets.worth_m2.sum() / 2
     number = plan_ahead(
         accumulator,
         worth=[evaluation.worth_m2 for evaluation in seen],
         share=[evaluation.share for evaluation in seen],
         target=[2 * evaluation.voxel + evaluation.is_unknown for evaluation in seen],
-        n_views=gain.views_ahead,
+        n_views=gain.views_ahead if is_known else 1,
     )
     if number is None:
         return None

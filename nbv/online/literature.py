@@ -264,7 +264,7 @@ def _view(
 ) -> BestView:
     """Return the view from which voxels (n,) are seen at `offsets` (n, 3), each worth an area."""
     worth, which = np.full(len(voxel), area_m2), np.full(len(voxel), is_unknown)
-    sees = ViewEvaluation(offsets, worth, voxel, which, np.full(len(voxel), -1))
+    sees = ViewEvaluation(offsets, worth, voxel, which, np.full(len(voxel), -1), np.ones(len(voxel)))
     return BestView(pose, float(worth.sum()), sees)
 
 

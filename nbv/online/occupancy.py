@@ -55,8 +55,8 @@ class BoundaryFaces:
 class NearSurface:
     """Distances of voxel centres from the surface, along the beams that met it near them, over all scans.
 
-    `sums` (n_voxels,) are of the distances, metres, positive before the surface; `counts` (n_voxels,) tell how
-    many scans they come from.
+    `sums` (n_voxels,) are of the distances, metres, positive before the surface, `counts` (n_voxels,) the
+    number of scans they come from.
     """
 
     sums: NDArray[np.float32]

@@ -374,7 +374,7 @@ def next_view(
     The sensor, which scans next, stands `here` now; of the requirement its incidence counts. The result does
     not depend on the number of threads.
     """
-    # What is worth seeing: unknown faces and badly seen surface in the region of interest.
+    # What is worth seeing: of the surface of what is possible, the unknown and the badly seen, in the region.
     voxels, gain = state.voxels, options.gain
     surface, wanted = PossibleSurface.of(voxels), voxels_of_interest(voxels, options.zones)
     targets = find_targets(

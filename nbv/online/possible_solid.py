@@ -22,8 +22,9 @@ from scenes.rays.raycast import RayCaster
 
 _NEVER = -1.0  # cosine of what no scan has measured
 _BARELY = 0.1  # of a voxel's side: least distance of the middle of an empty voxel from the surface
-import os
-AGREE=float(os.environ.get('AGREE','.5'))
+_SAME_SIDE = (
+    0.5  # cosine between the normals of a pixel and of the surface, below which they are of two surfaces
+)
 _NEAR = 1.5  # sides of a voxel, across the surface, within which a scan that met something met this surface
 
 
@@ -56,7 +57,9 @@ class PossibleSurface:
         """Return the surface of what the scans of a map leave possible."""
         grid, side = voxels.grid, voxels.grid.voxel_m
         field = np.pad(
-            _distances(voxels).reshape(grid.shape), 1, constant_values=side if voxels.outside_is_empty else -side
+            _distances(voxels).reshape(grid.shape),
+            1,
+            constant_values=side if voxels.outside_is_empty else -side,
         )
         if not (field.min() < 0 < field.max()):
             return cls._none()
@@ -110,10 +113,7 @@ def _smooth(across: FloatArray, faces: NDArray[np.int32], n_vertices: int) -> Fl
     normals = across
     for _ in range(2):
         sums = np.stack(
-            [
-                np.bincount(faces.ravel(), np.repeat(normals[:, axis], 3), n_vertices)
-                for axis in range(3)
-            ],
+            [np.bincount(faces.ravel(), np.repeat(normals[:, axis], 3), n_vertices) for axis in range(3)],
             axis=1,
         )
         normals = sums[faces].sum(axis=1)
@@ -127,7 +127,8 @@ def _met_by(
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Return which points (n, 3) of the surface a scan met, its cosines of incidence there, and normals.
 
-    The normals are those of the pixels, `normals` (n, 3) of the surface where a pixel has none.
+    The normals are those of the pixels, or those of the surface, `normals` (n, 3), where a pixel has none or
+    one that joins two surfaces.
     """
     scan = view.scan
     towards = scan.origin - points
@@ -144,6 +145,6 @@ def _met_by(
     met = across <= _NEAR * side + SURE_SD * (scan.sigma_m or 0.0)
     index = index[met]
     measured = view.normals[row[met], column[met]].astype(np.float64)
-    agree = np.einsum("ij,ij->i", measured, normals[index]) > AGREE  # NaN without a normal
+    agree = np.einsum("ij,ij->i", measured, normals[index]) > _SAME_SIDE  # NaN without a normal
     measured = np.where(agree[:, None], measured, normals[index])
     return index, np.einsum("ij,ij->i", towards[index], measured), measured

@@ -20,8 +20,8 @@ from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.gain import ViewEvaluation, seen_from
 from nbv.online.limits import LOWEST_M, MOST_SCAN_PIXELS, STRAY_SHARE, THINNING_CELL_M
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
-from nbv.online.possible_solid import PossibleSurface
 from nbv.online.planner import PlannerOptions, wanted_cosine
+from nbv.online.possible_solid import PossibleSurface
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
 from nbv.scans.seen_rooms import SeenRooms
