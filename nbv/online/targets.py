@@ -48,7 +48,7 @@ class GainOptions:
     angle_margin_deg: float = 2.0
     max_attempts: int = 2
     max_targets: int = 2000
-    views_ahead: int = 2
+    views_ahead: int = 3
 
     def __post_init__(self) -> None:
         least = min(self.occplane_weight, self.quality_weight, self.modelled_weight, self.angle_margin_deg)

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.suites import bunny, online
+from benchmarks.suites import bunny, object_views, online
 from nbv.scanning.sensor import PinholeSensor
 from tests.helpers.data_paths import requires_data
 
@@ -60,3 +60,11 @@ def test_views_to_a_share_are_counted():
     found = online.plan(0, max_views=4, voxel_m=0.2)
     assert online.views_to(found) == pytest.approx([np.inf] * 4)
     assert "inf (inf)" in online.views_row("short", 1, max_views=3, voxel_m=0.2)
+
+
+@pytest.mark.long
+@requires_data
+def test_online_views_around_objects_come_near_the_choice_that_knows_them():
+    table = rows("\n".join(object_views.object_views("tuning", 1, 100, 2000, 2)))
+    online, farthest, greedy = (float(share) for share in table["mean"][0].split(" / "))
+    assert greedy >= online > farthest
