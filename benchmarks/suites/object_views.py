@@ -102,7 +102,7 @@ def object_views(
     *,
     literature: bool = False,
 ) -> Iterator[str]:
-    """Views around twelve objects: online / farthest-point / greedy with the model, area seen within 60 deg."""
+    """Views around twelve objects: online, farthest-point, and greedy choices that know the model."""
     planners = {"online": PlannerOptions()}
     if literature:
         planners |= {f"online:{name}": PlannerOptions(criterion=name) for name in CRITERIA}

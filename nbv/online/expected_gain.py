@@ -150,12 +150,12 @@ class ExpectedGain:
         kept = np.flatnonzero(worth > 0)
         is_unknown = np.ones(len(kept), dtype=np.bool_)
         return ViewEvaluation(
-            near[kept, None] * rays[kept],
-            worth[kept],
-            voxel[kept],
-            is_unknown,
-            side[kept],
-            np.ones(len(kept)),
+            offsets=near[kept, None] * rays[kept],
+            worth_m2=worth[kept],
+            voxel=voxel[kept],
+            is_unknown=is_unknown,
+            side=side[kept],
+            share=np.ones(len(kept)),
         )
 
     def _news_at(self, face: NDArray[np.int32], rays: FloatArray) -> FloatArray:

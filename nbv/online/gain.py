@@ -222,14 +222,14 @@ def best_view(
     Parameters
     ----------
     boundary : RayCaster
-        The faces between empty voxels and all others, which end lines of sight.
+        The surface of the possible solid, which ends lines of sight.
     candidates : Candidates
         Positions that are free, and directions.
     required_cosine : float
         At which badly seen surface counts as seen well, margin included.
     expected : callable, optional
-        `ExpectedGain.look`: what views into unknown space are worth; it replaces the unknown faces among the
-        targets.
+        `ExpectedGain.look`: what a position (3,) sees of unknown space within a range in metres; it replaces
+        the unknown surface among the targets.
     gain : GainOptions
         By how many targets candidates are compared (the gain of the best is that of all), and how many views
         are planned together.

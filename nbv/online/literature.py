@@ -264,7 +264,14 @@ def _view(
 ) -> BestView:
     """Return the view from which voxels (n,) are seen at `offsets` (n, 3), each worth an area."""
     worth, which = np.full(len(voxel), area_m2), np.full(len(voxel), is_unknown)
-    sees = ViewEvaluation(offsets, worth, voxel, which, np.full(len(voxel), -1), np.ones(len(voxel)))
+    sees = ViewEvaluation(
+        offsets=offsets,
+        worth_m2=worth,
+        voxel=voxel,
+        is_unknown=which,
+        side=np.full(len(voxel), -1),
+        share=np.ones(len(voxel)),
+    )
     return BestView(pose, float(worth.sum()), sees)
 
 

@@ -78,14 +78,28 @@ class PossibleSurface:
             index, met, measured = _met_by(view, centres, normals, side)
             better = met > cosine[index]
             cosine[index[better]], best[index[better]] = met[better], measured[better]
-        return cls(vertices, faces, centres, best, areas, behind, cosine)
+        return cls(
+            vertices=vertices,
+            faces=faces,
+            centres=centres,
+            normals=best,
+            areas=areas,
+            voxel=behind,
+            cosine=cosine,
+        )
 
     @classmethod
     def _none(cls) -> PossibleSurface:
         """Return the surface of a solid that has none: nothing, or everything, is known to be empty."""
         vectors, numbers = np.zeros((0, 3)), np.zeros(0)
         return cls(
-            vectors, np.zeros((0, 3), np.int32), vectors, vectors, numbers, np.zeros(0, np.int64), numbers
+            vertices=vectors,
+            faces=np.zeros((0, 3), np.int32),
+            centres=vectors,
+            normals=vectors,
+            areas=numbers,
+            voxel=np.zeros(0, np.int64),
+            cosine=numbers,
         )
 
     @property
@@ -110,16 +124,13 @@ def _distances(voxels: VoxelMap) -> FloatArray:
 
 def _smooth(across: FloatArray, faces: NDArray[np.int32], n_vertices: int) -> FloatArray:
     """Unit normals (n, 3) of triangles, each the mean of all that share a corner, twice."""
-    normals = across
+    sizes, normals = np.linalg.norm(across, axis=1, keepdims=True), across
     for _ in range(2):
-        sums = np.stack(
-            [np.bincount(faces.ravel(), np.repeat(normals[:, axis], 3), n_vertices) for axis in range(3)],
-            axis=1,
-        )
-        normals = sums[faces].sum(axis=1)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-        normals = normals * np.linalg.norm(across, axis=1, keepdims=True)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+        sums = [np.bincount(faces.ravel(), np.repeat(normals[:, axis], 3), n_vertices) for axis in range(3)]
+        around = np.stack(sums, axis=1)[faces].sum(axis=1)
+        unit: FloatArray = around / np.maximum(np.linalg.norm(around, axis=1, keepdims=True), 1e-30)
+        normals = unit * sizes
+    return unit
 
 
 def _met_by(

@@ -141,7 +141,12 @@ def test_the_prior_is_the_share_of_rays_that_met_surface():
     scan = scan_scene(scene, Pose.looking_at(np.array(EYE), np.array([0.0, 0.0, 1.0])), SENSOR)
     towards = np.array([[0.0, 3.0, 0.0], [0.9, 3.0, 0.3], [0.3, 3.0, 1.6], [0.0, -3.0, 0.0], [0.2, 3.0, 0.0]])
     hoped = ViewEvaluation(
-        towards, np.ones(5), np.zeros(5, np.int64), np.ones(5, bool), np.array([1, 1, 2, 3, -1]), np.ones(5)
+        offsets=towards,
+        worth_m2=np.ones(5),
+        voxel=np.zeros(5, np.int64),
+        is_unknown=np.ones(5, bool),
+        side=np.array([1, 1, 2, 3, -1]),
+        share=np.ones(5),
     )
     trust = SurfacePrior.none().after(scan, hoped, grid).trust
     assert trust[1] == 1.0  # both met the wall
