@@ -31,6 +31,7 @@ from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.state_mesh import STATES as SCAN_STATES
 from nbv.scans.state_mesh import StateMesh
+from nbv.scans.upright import UprightScans
 from nbv.visibility.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
@@ -90,7 +91,7 @@ def _run_scene_coverage(shared: Shared, scene: str, request: CoverageOptions) ->
         run.watch.enter("load")
         files = [request.plan] if request.plan else request.request().inputs
         run.read([scene, request.sensor, *files])
-        world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        world = open_scene(scene, up=request.scene_up, units=request.units, mode=request.mode)
         world = world.without(request.without)
         run.warn(world.warnings)
         measured = _measure(run, world, request)
@@ -240,34 +241,35 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
         run.read([request.sensor, *request.request().inputs])
         requirement, scan_request = Requirement.of(request.requirement), request.request()
         sensor = load_sensor(request.sensor)
-        options = CompletionOptions(mode=request.inference, texture=False, up=Up.along("z"))
+        options = CompletionOptions(mode=request.inference, texture=False, up=Up.along(scan_request.up))
         placement = []
         if request.register:
             placed = register_request(scan_request, n_threads=shared.threads, progress=run.progress)
-            given, options = (
-                placed.given.with_z_up(request.up or "z"),
-                replace(options, pose_deviations_m=placed.deviations_m),
-            )
+            given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
             placement = [placed.summary]
         else:
-            given = read_request(scan_request).with_z_up(request.up or "z")
+            given = read_request(scan_request)
         run.warn(given.doubts)
         run.watch.enter("voxels")
         scans = [with_known_noise(scan) for scan in given.scans]
         model = complete(scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress)
-        completed = KnownSurfaces(model, options.max_sd_m)
+        upright = UprightScans.of(scans, KnownSurfaces(model, options.max_sd_m))
+        scans, completed, doubts = list(upright.scans), upright.completed, upright.doubts("coverage.json")
+        run.warn(doubts)
         scan_map = ScanMap.of(
             scans, sensor, mode=request.mode or "room", requirement=requirement, completed=completed
         )
-        coverage = cover_by_scans(scan_map, requirement, completion=model)
+        coverage = cover_by_scans(scan_map, requirement, completion=completed.completion)
         run.watch.enter("report")
-        write_json(run.path("coverage.json"), coverage.to_json())
+        write_json(run.path("coverage.json"), {**coverage.to_json(), **upright.to_json()})
         write_text(run.path("coverage.csv"), scan_csv(coverage))
         state = StateMesh.of(coverage)
         _write_state_ply(run.path("coverage.ply"), state)
         asked = {**options_record(request), "mode": scan_map.mode, "instruments": given.instruments}
-        run.report(scan_coverage_page(coverage, state, sensor, scan_request.title, shared.threads), asked)
-        run.finish(asked, {**coverage.to_json(), **placed_of(placement)}, placement + scan_lines(coverage))
+        page = scan_coverage_page(coverage, state, sensor, scan_request.title, shared.threads)
+        run.report(replace(page, warnings=(*doubts, *page.warnings)), asked)
+        summary = {**coverage.to_json(), "warnings": [*given.doubts, *doubts], **placed_of(placement)}
+        run.finish(asked, summary, placement + scan_lines(coverage))
 
 
 def scan_csv(coverage: ScanCoverage) -> str:

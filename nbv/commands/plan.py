@@ -42,12 +42,14 @@ from nbv.scans.scan_record import (
     read_predictions,
     record_scans,
 )
+from nbv.scans.upright import UprightScans
 from nbv.visibility.candidates import with_aperture
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import allowed_candidates, load_candidates
 from nbv.visibility.visibility import select_facing
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
+from scenes.inclination import Up
 from scenes.io.scan_request import GivenScans, read_request
 from scenes.io.scene_files import open_scene
 from scenes.run.atomic import write_json
@@ -87,7 +89,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         run.watch.enter("load")
         run.read([scene, *request.inputs])
         zones = zones_of(request)
-        world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        world = open_scene(scene, up=request.scene_up, units=request.units, mode=request.mode)
         world = world.without(request.without)
         sensor = load_sensor(request.sensor)
         doubts = [*world.warnings, *missing_errors(sensor, request.noise)]
@@ -254,13 +256,18 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         site, scan_request = request.site, request.request()
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
-        given = read_request(scan_request).with_z_up(request.up or "z")
+        given = read_request(scan_request)
         run.warn(given.doubts)
         predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
         run.watch.enter("complete")
         scans = [with_known_noise(scan) for scan in given.scans]
         few = [scan.thin(MOST_SCAN_PIXELS) for scan in scans]
-        completed = KnownSurfaces.of(few, requirement.max_sd_m, relates=False, n_threads=shared.threads)
+        completed = KnownSurfaces.of(
+            few, requirement.max_sd_m, relates=False, up=Up.along(scan_request.up), n_threads=shared.threads
+        )
+        upright = UprightScans.of(scans, completed)
+        scans, completed, doubts = list(upright.scans), upright.completed, upright.doubts("plan.json")
+        run.warn(doubts)
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones, clearance_m=site.clearance_m)
         scan_map = ScanMap.of(
@@ -286,17 +293,18 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         plan = replace(plan, rooms=room_entries(coverage, plan, chosen))
         record = record_scans(coverage, predictions)
         run.watch.enter("report")
-        entries = {"seed": shared.seed, "record": [scan.to_json() for scan in record]}
+        entries = {"seed": shared.seed, "record": [scan.to_json() for scan in record], **upright.to_json()}
         write_json(run.path("plan.json"), {**plan.to_json(), **entries})
         write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
-        write_json(run.path("coverage.json"), coverage.to_json())
+        write_json(run.path("coverage.json"), {**coverage.to_json(), **upright.to_json()})
         asked = {**options_record(request), "mode": scan_map.mode, "instruments": given.instruments}
         page = next_stations_page(
             plan, coverage, record, scan_request.title, infers=request.search.infer, n_threads=shared.threads
         )
-        run.report(page, asked)
+        run.report(replace(page, warnings=(*doubts, *page.warnings)), asked)
         resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
-        run.finish(resolved, next_summary(plan, coverage, record), next_lines(plan, coverage, record))
+        summary = {**next_summary(plan, coverage, record), "warnings": [*given.doubts, *doubts]}
+        run.finish(resolved, summary, next_lines(plan, coverage, record))
 
 
 def _earlier_plan(request: PlanOptions, out: Path) -> Path | None:

@@ -237,7 +237,7 @@ def boundary_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
 
 _NO_FLOOR = (
     "No floor was seen below the scanners, so stations are wherever space is known to be free; "
-    "if the scans' world is not z up, say so (--up)."
+    "if another direction is up than was taken, say so (--up)."
 )
 
 
