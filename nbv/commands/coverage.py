@@ -230,7 +230,7 @@ def _write_scene_ply(path: Path, world: Scene, coverage: Coverage) -> None:
 
 
 _STATE_COLOURS = np.array(
-    [[158, 163, 163], [244, 211, 158], [46, 122, 204], [230, 159, 26], [219, 219, 214]], np.uint8
+    [[158, 163, 163], [209, 214, 214], [46, 122, 204], [230, 159, 26], [244, 211, 158]], np.uint8
 )
 
 
