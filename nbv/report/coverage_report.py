@@ -120,7 +120,7 @@ def _plan_view(
         scene.ray_caster(n_threads), coverage.samples, plan.requirement, plan.views, scans
     )
     before = plan.resumed_from.poses if plan.resumed_from else ()
-    given = [scan.projection for scan in scans] or [plan.sensor] * len(before)
+    given = looks_of(scans) or [plan.sensor] * len(before)
     poses = [view.world_from_sensor for view in plan.views]
     return scene_view(
         scene,

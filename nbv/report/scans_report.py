@@ -45,6 +45,7 @@ from nbv.report.figures.picture import (
     overview_cameras,
     picture_of,
 )
+from nbv.report.viewer.markers import look_of_scan
 from nbv.report.viewer.scan_views import state_view
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensor import Sensor
@@ -156,14 +157,14 @@ def stations_plans(scan_map: ScanMap, sensor: Sensor, plan: Plan | None = None) 
     zones = EVERYWHERE if plan is None else plan.zones
     outline, height = _outline(scan_map)
     reach = field_length(scan_map.bounds)
-    projections = [scan.projection for scan in scan_map.scans]
+    looks = [look_of_scan(scan, sensor) for scan in scan_map.scans]
     plot = FloorPlan(
         outline=outline,
         bounds=scan_map.bounds,
         positions=places_of(poses),
         fields=fields_of(poses, [sensor] * len(poses), reach),
         given=places_of([scan.world_from_sensor for scan in scan_map.scans]),
-        given_fields=fields_of([scan.world_from_sensor for scan in scan_map.scans], projections, reach),
+        given_fields=fields_of([scan.world_from_sensor for scan in scan_map.scans], looks, reach),
         zones=zones,
     ).plot()
     caption = "Squares with letters: where the scans have been taken."
@@ -346,7 +347,8 @@ def scan_coverage_page(
         bar=area_bar(coverage),
         sections=(
             PageSection(
-                "What was measured, and where the unknown begins", state_blocks(coverage, state, n_threads)
+                "What was measured, and where the unknown begins",
+                state_blocks(coverage, state, n_threads, sensor=sensor),
             ),
             PageSection(
                 "Stations",

@@ -218,9 +218,8 @@ class StoreyPlan:
     def picture(self) -> Picture:
         """Return it as a picture of a page that says what it shows."""
         strokes = ", their strokes where views look" if any(stroke for *_, stroke in self.stations) else ""
-        caption = (
-            f"Dots are stations by {self.numbers}{strokes}; walls are cut {self.cut_m:.2f} m above the floor."
-        )
+        caption = f"Dots are stations by {self.numbers}{strokes}. " if self.stations else ""
+        caption += f"Walls are cut {self.cut_m:.2f} m above the floor."
         caption += " Squares with letters: scans that have been taken." if self.given else ""
         caption += " Lines: what of the tour lies here." if self.ways else ""
         return self.plot(f"Storey {self.storey}.", caption)

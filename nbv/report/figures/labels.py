@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, freeze_arrays
 
 _AROUND = np.array(
     [[1, 1], [-1, 1], [1, -1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64
@@ -76,6 +76,9 @@ class Label:
     is_bold: bool = False
     ground: str | None = None
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
     @property
     def size_pt(self) -> FloatArray:
         """About how wide and how high (2,) it is, points."""
@@ -119,8 +122,9 @@ def write_labels(axes: Axes, labels: Sequence[Label], lines: Sequence[FloatArray
         end = np.clip(here, middle - size / 2, middle + size / 2)
         if np.linalg.norm(end - here) > _APART_PT + (label.dot_pt or 0.0) / 2:
             way = to_data.transform(np.stack([here, end]) / point)
-            end_mark = {"marker": ".", "markersize": 2.5, "markevery": [0]} if label.dot_pt is None else {}
-            axes.plot(*way.T, color=label.colour, linewidth=0.5, alpha=0.8, zorder=3.5, **end_mark)
+            axes.plot(*way.T, color=label.colour, linewidth=0.5, alpha=0.8, zorder=3.5)
+            if label.dot_pt is None:
+                axes.plot(*way[0], ".", color=label.colour, markersize=2.5, zorder=3.5)
         x, y = to_data.transform(middle / point)
         text = axes.text(
             x, y, label.text, ha="center", va="center", fontsize=label.font_pt, color=label.colour,

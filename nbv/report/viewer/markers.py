@@ -16,6 +16,7 @@ from nbv.visibility.zones import Box, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
+from scenes.scan.range_image import RangeImage
 
 _OPENING, _WAY = (0.10, 0.55, 0.45), (0.70, 0.42, 0.0)
 _AROUND = np.radians(150.0)  # a field of view from here on is drawn as a ring
@@ -36,11 +37,19 @@ def is_cone(look: Look) -> bool:
     return isinstance(look, PinholeSensor) and look.aperture == "circular"
 
 
+def look_of_scan(scan: RangeImage, sensor: Sensor | None) -> Look:
+    """Return what tells the field of view of a scan: `sensor` where that took it, else its pixels."""
+    if sensor is None or sensor.projection.shape != scan.shape:
+        return scan.projection
+    return sensor if scan.sensor == sensor.name else scan.projection
+
+
 def slope_of(look: Look) -> tuple[float, float] | None:
     """Tangents of half the field of view across and down; None for one that looks around."""
+    if isinstance(look, PinholeSensor) and look.aperture == "circular":
+        tangent = float(np.tan(np.radians(look.fov_deg) / 2))
+        return tangent, tangent
     projection = projection_of(look)
-    if is_cone(look):
-        return (float(np.tan(np.radians(look.fov_deg) / 2)),) * 2
     if isinstance(projection, PinholeProjection):
         return projection.width / (2 * projection.fx), abs(projection.height / (2 * projection.fy))
     if isinstance(projection, SphericalProjection):

@@ -39,7 +39,7 @@ from nbv.report.viewer.layers import (
     deviation_channel,
     incidence_channel,
 )
-from nbv.report.viewer.markers import given_markers, opening_lines, view_markers, zone_lines
+from nbv.report.viewer.markers import given_markers, look_of_scan, opening_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.unknown_layer import INFERRED, MEASURED, STATES, unknown_layer
 from nbv.scanning.sensor import Sensor
@@ -344,9 +344,8 @@ def state_view(
 ) -> Viewer:
     """Return the view of what scans say of a place, with the next stations and the sensor there."""
     scans = coverage.scan_map.scans
-    given = given_markers(
-        [s.world_from_sensor for s in scans], [s.projection for s in scans], are_steps=not poses
-    )
+    looks = [look_of_scan(scan, sensor) for scan in scans]
+    given = given_markers([scan.world_from_sensor for scan in scans], looks, are_steps=not poses)
     following = view_markers(poses, [sensor] * len(poses)) if sensor is not None else ()
     layers = (_measured_layer(coverage, state), _inferred_layer(coverage, state), *_state_edges(state))
     single = is_single_camera(list(scans))

@@ -14,6 +14,7 @@ from nbv.report.blocks.page import Page, PageSection
 from nbv.report.check_report import check_page
 from nbv.report.viewer.layers import Classes, Layer
 from tests.helpers.browser import Browser, needs_chromium
+from tests.helpers.long_cases import first_in_gate
 from tests.helpers.view_examples import (
     EVIL,
     FEW,
@@ -338,6 +339,22 @@ def save(tab, folder, name):
 
 def page_with(view):
     return Page("Test", "Test", "Test", (), None, (PageSection("View", (view,)),), {}, 0)
+
+
+@pytest.mark.parametrize("kind", first_in_gate(1, ["next-stations", "completion", "coverage", "check"]))
+def test_no_table_is_cut_off_on_a_screen_or_on_paper(browser, tmp_path, kind):
+    report_page(kind).write(tmp_path / "report.html")
+    wide = (
+        "[...document.querySelectorAll('.scroll')]"
+        ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1)"
+        ".map(e => e.innerText.slice(0, 60))"
+    )
+    for media, width in (("screen", 1240), ("print", 680)):  # A4 within its margins
+        tab = browser.open(tmp_path / "report.html", width, 900)
+        tab.call("Emulation.setEmulatedMedia", media=media)
+        assert tab.run("document.querySelectorAll('.scroll').length") > 0
+        assert tab.run(wide) == []
+        tab.close()
 
 
 def test_names_of_near_stations_do_not_cover_each_other(browser, tmp_path):
