@@ -20,7 +20,7 @@ from nbv.coverage.measurement import check_scans, measure_coverage, measure_scan
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.plan import read_plan
-from nbv.report.coverage_report import coverage_page
+from nbv.report.coverage_report import coverage_page, noun_of
 from nbv.report.figures.surface_values import fine_coverage
 from nbv.report.scans_report import scan_coverage_page
 from nbv.run.wording import count, percent_within, square_metres
@@ -121,9 +121,10 @@ def _run_scene_coverage(shared: Shared, scene: str, request: CoverageOptions) ->
             "warnings": world.warnings,
         }
         met = percent_within(coverage.met, coverage.standard_errors()["met"])
+        noun = noun_of(measured.stations)
         reached = percent_within(coverage.met_of_reachable, coverage.met_of_reachable_error)
         line = (
-            f"{count(len(measured.stations), 'station measures', 'stations measure')} "
+            f"{count(len(measured.stations), f'{noun} measures', f'{noun}s measure')} "
             f"{met} % of the area, {reached} % of what can be reached"
         )
         run.finish(resolved, summary, [line])

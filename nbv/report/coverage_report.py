@@ -178,9 +178,9 @@ def coverage_page(
 
     By `sensor` was reckoned what is reachable; the page does not depend on the number of threads.
     """
-    requirement = coverage.requirement
+    requirement, noun = coverage.requirement, noun_of(given)
     summary = (
-        f"{count(len(given), 'station measures', 'stations measure')} "
+        f"{count(len(given), f'{noun} measures', f'{noun}s measure')} "
         f"{percent_within(coverage.met, coverage.standard_errors()['met'])} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
@@ -189,7 +189,7 @@ def coverage_page(
     if poses:
         where = stations(scene, poses, sensor, looks=looks_of(given))
         plots = Gallery((curve(seen.met[1:], coverage, None, None), where), 2)
-        blocks = plots, stations_table(poses, seen.met, coverage.total_m2)
+        blocks = plots, stations_table(poses, seen.met, coverage.total_m2, what=noun.capitalize())
     view = scene_view(
         scene,
         coverage,
@@ -202,16 +202,24 @@ def coverage_page(
         title=scene.name,
         kicker="Coverage report",
         summary=summary,
-        headlines=(Headline(str(len(given)), "", "stations"), *coverage_headlines(coverage)),
+        headlines=(Headline(str(len(given)), "", f"{noun}s"), *coverage_headlines(coverage)),
         bar=coverage_bar(coverage),
         sections=(
             PageSection("Where the surface is measured", (view, Text(_NOTE, is_note=True))),
-            PageSection("Stations", blocks),
+            PageSection(f"{noun.capitalize()}s", blocks),
             PageSection("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
             PageSection("Surface by surface", (surfaces_table(coverage),)),
         ),
         warnings=scene.warnings,
     )
+
+
+def noun_of(given: Sequence[View] | Sequence[RangeImage]) -> str:
+    """Return what to call these: several views of a sensor that does not look around may share a station."""
+    if any(isinstance(image, RangeImage) for image in given):
+        return "scan"
+    looks_around = all(isinstance(image, View) and image.sensor.kind == "spherical" for image in given)
+    return "station" if looks_around else "view"
 
 
 def looks_of(given: Sequence[View] | Sequence[RangeImage]) -> list[Look]:

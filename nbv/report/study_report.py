@@ -175,7 +175,8 @@ def _summary(groups: Sequence[OutcomeGroup], share: float) -> str:
         views = np.concatenate(view_counts) if view_counts else np.zeros(0)
         if len(views):
             middle = float(np.median(views))
-            parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'never'}")
+            is_known = np.isfinite(middle)
+            parts.append(f"{planner} {f'{middle:g}' if is_known else 'not reached in half of its plans'}")
     if not parts:
         return "No case could be planned."
     return (

@@ -168,10 +168,12 @@ def views_table(plan: Plan) -> Table:
     return _stations_table("View", poses, gains, [view.met_fraction or 0.0 for view in plan.views])
 
 
-def stations_table(poses: Sequence[Pose], met: Sequence[float], total_m2: float) -> Table:
+def stations_table(
+    poses: Sequence[Pose], met: Sequence[float], total_m2: float, what: str = "Station"
+) -> Table:
     """A row for each station that was given; `met` is the share before the first and after each."""
     gains = [(after - before) * total_m2 for before, after in pairwise(met)]
-    return _stations_table("Station", poses, gains, met[1:])
+    return _stations_table(what, poses, gains, met[1:])
 
 
 def _stations_table(what: str, poses: Sequence[Pose], gains: Sequence[float], met: Sequence[float]) -> Table:
