@@ -60,7 +60,7 @@ def options_record(asked: CoverageOptions) -> dict[str, Any]:
         "mode": asked.mode,
         "site": asdict(asked.site),
         "without": list(asked.without),
-        "up": asked.up,
+        **({} if asked.scene is None else {"up": asked.up}),
         "units": asked.units,
         **({"inference": asked.inference} if asked.scene is None else {}),
     }

@@ -743,11 +743,11 @@ class RegisterOptions:
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
     read: ReadOptions = group(ReadOptions, ("poses", "trajectory"))
     units: Units = _units()
-    up: Axis | None = _up()
+    up: SignedAxis = _scan_up()
 
     def request(self) -> ScanRequest:
         """Return the scans."""
-        return self.read.request(self.scans, self.units, self.up or "z", self.start)
+        return self.read.request(self.scans, self.units, self.up, self.start)
 
     def record(self) -> dict[str, Any]:
         """Return the options beside those of the scans, for manifest and report."""

@@ -65,7 +65,8 @@ def options_record(asked: PlanOptions) -> dict[str, Any]:
         without=("scene", "scans", "site", "scheduler", *(entry.name for entry in fields(ReadOptions))),
     )
     scans = asked.request().options()
-    return {**record, **scans, "up": asked.up, "units": asked.units, "site": asdict(asked.site)}
+    up = scans["up"] if asked.scene is None else asked.up
+    return {**record, **scans, "up": up, "units": asked.units, "site": asdict(asked.site)}
 
 
 def zones_of(asked: PlanOptions) -> Zones:

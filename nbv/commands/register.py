@@ -16,7 +16,7 @@ from nbv.commands.options import RegisterOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses, ups_of
-from scenes.inclination import axis_direction
+from scenes.inclination import Up
 from scenes.io.formats.format import written_suffixes
 from scenes.io.scan_files import split_index, write_scan, write_scans
 from scenes.io.scan_request import GivenScans, read_request
@@ -34,8 +34,9 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
         given = read_request(request, posed=how.checks)
         asked = {**request.options(), **how.record()}
         run.warn(given.doubts)
-        upward, doubts = axis_direction("z" if how.up in (None, "auto") else how.up), list[str]()
-        if how.upright and how.up in (None, "auto") and not how.checks:
+        said, doubts = Up.along(how.up), list[str]()
+        upward = None if said is None else said.direction
+        if how.upright and upward is None and not how.checks:
             run.watch.enter("up")
             upward, doubts = ups_of(given.scans, n_threads=shared.threads)
         run.will_call(count_agreement, 20)
