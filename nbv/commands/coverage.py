@@ -242,7 +242,7 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
         run.read([request.sensor, *request.request().inputs])
         requirement, scan_request = Requirement.of(request.requirement), request.request()
         sensor = load_sensor(request.sensor)
-        options = CompletionOptions(mode=request.inference, texture=False, up=Up.along(scan_request.up))
+        options = CompletionOptions(mode=request.inference, texture=False, up=Up.along("z"))
         placement = []
         if request.register:
             placed = register_request(scan_request, n_threads=shared.threads, progress=run.progress)
@@ -250,17 +250,17 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
             placement = [placed.summary]
         else:
             given = read_request(scan_request)
-        run.warn(given.doubts)
+        upright = UprightScans.of(given.scans, Up.along(scan_request.up), n_threads=shared.threads)
+        doubts = upright.doubts("coverage.json")
+        run.warn([*given.doubts, *doubts])
         run.watch.enter("voxels")
-        scans = [with_known_noise(scan) for scan in given.scans]
+        scans = [with_known_noise(scan) for scan in upright.scans]
         model = complete(scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress)
-        upright = UprightScans.of(scans, KnownSurfaces(model, options.max_sd_m))
-        scans, completed, doubts = list(upright.scans), upright.completed, upright.doubts("coverage.json")
-        run.warn(doubts)
+        completed = KnownSurfaces(model, options.max_sd_m)
         scan_map = ScanMap.of(
             scans, sensor, mode=request.mode or "room", requirement=requirement, completed=completed
         )
-        coverage = cover_by_scans(scan_map, requirement, completion=completed.completion)
+        coverage = cover_by_scans(scan_map, requirement, completion=model)
         run.watch.enter("report")
         write_json(run.path("coverage.json"), {**coverage.to_json(), **upright.to_json()})
         write_text(run.path("coverage.csv"), scan_csv(coverage))

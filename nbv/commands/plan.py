@@ -258,17 +258,14 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
         given = read_request(scan_request)
-        run.warn(given.doubts)
         predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
+        upright = UprightScans.of(given.scans, Up.along(scan_request.up), n_threads=shared.threads)
+        doubts = upright.doubts("plan.json")
+        run.warn([*given.doubts, *doubts])
         run.watch.enter("complete")
-        scans = [with_known_noise(scan) for scan in given.scans]
+        scans = [with_known_noise(scan) for scan in upright.scans]
         few = [scan.thin(MOST_SCAN_PIXELS) for scan in scans]
-        completed = KnownSurfaces.of(
-            few, requirement.max_sd_m, relates=False, up=Up.along(scan_request.up), n_threads=shared.threads
-        )
-        upright = UprightScans.of(scans, completed)
-        scans, completed, doubts = list(upright.scans), upright.completed, upright.doubts("plan.json")
-        run.warn(doubts)
+        completed = KnownSurfaces.of(few, requirement.max_sd_m, relates=False, n_threads=shared.threads)
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones, clearance_m=site.clearance_m)
         scan_map = ScanMap.of(

@@ -29,8 +29,6 @@ from scenes.scan.range_image import RangeImage
 
 _MAX_CELLS = 40_000  # of a surface: places a few centimetres apart are told apart in a room
 
-_UP = Up.along("z")  # of a world, by convention
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownSurfaces:
@@ -49,17 +47,16 @@ class KnownSurfaces:
         max_sd_m: float | None = None,
         *,
         relates: bool = True,
-        up: Up | None = _UP,
         n_threads: int | None = None,
     ) -> KnownSurfaces:
-        """Complete `scans` without texture, of a world whose z is `up`; None: it is estimated.
+        """Complete `scans` of a world whose z is up, without texture.
 
         `max_sd_m` is completion's own when not given.
         What surfaces are to each other is left out where nothing is to be related: it takes longer than all
         else of a few scans.
         """
         evidence = EvidenceOptions(max_cells=_MAX_CELLS)
-        options = CompletionOptions(texture=False, up=up, evidence=evidence)
+        options = CompletionOptions(texture=False, up=Up.along("z"), evidence=evidence)
         options = options if relates else replace(options, relations=None)
         options = replace(options, max_sd_m=max_sd_m or options.max_sd_m)
         return cls(complete(scans, options, rng=0, n_threads=n_threads), options.max_sd_m)

@@ -15,9 +15,9 @@ from completion.registration.network import Network
 from completion.registration.pipeline import register_scans
 from completion.registration.registered import Registered, pose_doubts
 from completion.registration.verdict import Verdict
-from completion.room.pipeline import estimate_up
-from nbv.online.limits import MOST_SCAN_PIXELS, NOTICED_SHARE
+from nbv.online.limits import NOTICED_SHARE
 from nbv.run.wording import count
+from nbv.scans.upright import find_up_of
 from scenes.checks import FloatArray, InputError
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.run.journal import NO_JOURNAL, Journal
@@ -106,7 +106,7 @@ def _deviation(registration: Registered, scan: int) -> float:
 
 def ups_of(scans: Sequence[RangeImage], *, n_threads: int | None = None) -> tuple[FloatArray, list[str]]:
     """Estimate which way is up (n, 3) for scans with a world each, and return what to tell of it."""
-    ups = [estimate_up([scan.thin(MOST_SCAN_PIXELS)], n_threads=n_threads) for scan in scans]
+    ups = [find_up_of([scan], n_threads) for scan in scans]
     told = [up.describe("poses are sought with this upright") for up in ups]
     named = [(scan.name, [text] if text else []) for scan, text in zip(scans, told, strict=True)]
     return np.array([up.direction for up in ups]), merge_warnings(named)
