@@ -52,13 +52,16 @@ def coverage_curves(groups: Sequence[OutcomeGroup], planners: Sequence[str]) -> 
         ]
         if bounds:
             axes.axvline(min(bounds), color=theme.faint, linewidth=1, linestyle=":")
+            right = min(bounds) > 0.5 * axes.get_xlim()[1]
             axes.annotate(
-                f"certified: at least {min(bounds)}", (min(bounds), 3), xytext=(4, 0),
-                textcoords="offset points", color=theme.faint, fontsize=8,
+                f"certified: at least {min(bounds)}", (min(bounds), 3), xytext=(-4 if right else 4, 0),
+                ha="right" if right else "left", textcoords="offset points", color=theme.faint, fontsize=8,
             )  # fmt: skip
         axes.set_xlim(left=0)
         label_views(axes, "measured as required, % of what can be", 103)
-        axes.legend(loc="lower right", frameon=False, fontsize=8)
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8, borderaxespad=0.2
+        )
 
     return drawn_plot(draw, (_WIDTH, 3.9))
 
@@ -184,7 +187,8 @@ def _summary(groups: Sequence[OutcomeGroup], share: float) -> str:
         views = np.concatenate(view_counts) if view_counts else np.zeros(0)
         if len(views):
             middle = float(np.median(views))
-            parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'never'}")
+            is_known = np.isfinite(middle)
+            parts.append(f"{planner} {f'{middle:g}' if is_known else 'not reached in half of its plans'}")
     if not parts:
         return "No case could be planned."
     return (
@@ -242,9 +246,9 @@ def _views_needed(groups: Sequence[OutcomeGroup], planners: Sequence[str], share
     note = (
         "Medians over the seeds; in brackets the least and the most. Shares are of the area that any "
         'candidate could measure as required. "At least" is certified: no plan for the planner\'s target has '
-        "fewer views. The tour is short; of online plans it is the way from scan to scan, and legs without a "
-        "way are not in it. All planners of a scene and sensor choose from the same poses and are measured "
-        "on the same samples."
+        "fewer views. The tour visits all stations by a short way; of online plans it is the way from scan "
+        "to scan, and legs without a way are not in it. All planners of a scene and sensor choose from the "
+        "same poses and are measured on the same samples."
     )
     return drop_constant_columns(columns, rows, n_fixed=3), Text(note, is_note=True)
 
