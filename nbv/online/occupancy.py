@@ -78,15 +78,21 @@ class NearSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthView:
-    """A scan, and the normals (rows, columns, 3) of what its pixels see, NaN where unknown."""
+    """A scan, and the normals (rows, columns, 3) of what its pixels see, NaN where unknown.
+
+    They are means over what lies in the same voxel and leans to the same side: noise does not turn them.
+    """
 
     scan: RangeImage
     normals: NDArray[np.float32]
 
     @classmethod
-    def of(cls, scan: RangeImage, baseline_m: float) -> DepthView:
-        """Return the view of a scan; normals are estimated over `baseline_m` metres (`image_normals`)."""
-        return cls(scan, image_normals(scan, baseline_m).normals.astype(np.float32))
+    def of(cls, scan: RangeImage, grid: VoxelGrid) -> DepthView:
+        """Return the view of a scan of the volume of a grid."""
+        local = image_normals(scan, grid.voxel_m / 2)
+        voxel = grid.index_of(local.points.reshape(-1, 3))
+        normals = Surfels.of_image(local, grid).normals_at(voxel, local.normals.reshape(-1, 3))
+        return cls(scan, normals.reshape(local.normals.shape).astype(np.float32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +172,7 @@ class VoxelMap:
         labels[hit] = SEEN
         labels[_strays(labels, votes, surfels)] = EMPTY
         stood = np.vstack([self.stood, scan.origin])
-        views = (*self.views, DepthView.of(scan.thin(MOST_SCAN_PIXELS), self.grid.voxel_m / 2))
+        views = (*self.views, DepthView.of(scan.thin(MOST_SCAN_PIXELS), self.grid))
         return replace(
             self, labels=labels, surfels=surfels, votes=votes, stood=stood, near=near, views=views
         )._with_occplane()

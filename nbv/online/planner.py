@@ -129,7 +129,7 @@ class PlannerState:
     def after_choice(self, chosen: BestView, times: int = 1) -> PlannerState:
         """Return the state in which `chosen` has tried `times` more to settle what it sees."""
         attempts = self.attempts.copy()
-        np.add.at(attempts, (chosen.sees.is_unknown.astype(np.int64), chosen.sees.voxel), times)
+        attempts[chosen.sees.is_unknown.astype(np.int64), chosen.sees.voxel] += times  # once a voxel
         return replace(self, attempts=attempts)
 
 

@@ -153,7 +153,7 @@ def _met_by(
     row, column = np.rint(pixels[inside]).astype(np.int64).T
     off = np.abs(scan.ranges[row, column] - distance[index])  # NaN without return
     across = off * np.maximum(slope[index], FLATTEST_EXPECTED)
-    met = across <= _NEAR * side + SURE_SD * (scan.sigma_m or 0.0)
+    met = across <= max(_NEAR * side, side / 2 + SURE_SD * (scan.sigma_m or 0.0))
     index = index[met]
     measured = view.normals[row[met], column[met]].astype(np.float64)
     agree = np.einsum("ij,ij->i", measured, normals[index]) > _SAME_SIDE  # NaN without a normal
