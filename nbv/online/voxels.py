@@ -366,7 +366,7 @@ class Surfels:
         return self.keys % _SIDES
 
     def normals_at(self, voxel: NDArray[np.int64], normals: FloatArray) -> FloatArray:
-        """Return the normals (n, 3) of the surfels that `normals` (n, 3) in `voxel` (n,) belong to, or NaN."""
+        """Return the normals (n, 3) of the surfels of `normals` (n, 3) in `voxel` (n,); NaN where none is."""
         known = np.flatnonzero((voxel >= 0) & np.isfinite(normals).all(axis=1))
         keys = voxel[known] * _SIDES + sides_of(normals[known])
         at = np.searchsorted(self.keys, keys)
