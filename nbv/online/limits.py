@@ -15,6 +15,9 @@ SURE_SD = 3.0
 chance."""
 NEAR_VOXELS = 2.0
 """Sides of a voxel within which distances along a beam are kept: the surface runs between two of them."""
+MOST_VIEW_PIXELS = 1_000_000
+"""Pixels kept of a scan to tell how well places were measured, 20 bytes each; never finer than half a voxel.
+By choice: memory."""
 FEWEST_VOTES = -2
 """Least votes of a voxel that beams went through, so that two scans that end in it outweigh all that went
 through it before."""

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from nbv.online.limits import FEWEST_VOTES, MOST_SCAN_PIXELS, NEAR_VOXELS, SURE_SD
-from nbv.online.voxels import Surfels, VoxelGrid, image_normals
+from nbv.online.limits import FEWEST_VOTES, MOST_VIEW_PIXELS, NEAR_VOXELS, SURE_SD
+from nbv.online.voxels import ImageNormals, Surfels, VoxelGrid, image_normals
 from nbv.scanning.sensor import Sensor
 from scenes.checks import BoolArray, FloatArray, frozen_copy
 from scenes.scan.range_image import RangeImage
@@ -87,12 +87,16 @@ class DepthView:
     normals: NDArray[np.float32]
 
     @classmethod
-    def of(cls, scan: RangeImage, grid: VoxelGrid) -> DepthView:
-        """Return the view of a scan of the volume of a grid."""
-        local = image_normals(scan, grid.voxel_m / 2)
+    def of(cls, scan: RangeImage, local: ImageNormals, surfels: Surfels, grid: VoxelGrid) -> DepthView:
+        """Return the view of a scan with its image of normals and its surfels, as fine as half a voxel."""
         voxel = grid.index_of(local.points.reshape(-1, 3))
-        normals = Surfels.of_image(local, grid).normals_at(voxel, local.normals.reshape(-1, 3))
-        return cls(scan, normals.reshape(local.normals.shape).astype(np.float32))
+        normals = surfels.normals_at(voxel, local.normals.reshape(-1, 3)).reshape(local.normals.shape)
+        reach = scan.ranges[scan.valid]
+        spacing = float(np.median(reach)) * scan.projection.pixel_angle if len(reach) else grid.voxel_m
+        finest = int(np.ceil(np.sqrt(scan.ranges.size / MOST_VIEW_PIXELS)))
+        step = max(int(grid.voxel_m / 2 / spacing), finest, 1)
+        few = scan.thin(-(-scan.ranges.size // step**2))
+        return cls(few, normals[::step, ::step].astype(np.float32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +165,9 @@ class VoxelMap:
             What took it: its aperture tells pixels without return from pixels that never looked. None where
             that is not known: then a pixel without return says nothing.
         """
-        surfels = self.surfels.merge(Surfels.of_scan(scan, self.grid))
+        local = image_normals(scan, self.grid.voxel_m / 2)
+        seen = Surfels.of_image(local, self.grid)
+        surfels = self.surfels.merge(seen)
         behind, before, near = self._sides_of(scan, sensor)
         hit = np.unique(self.grid.index_of(scan.points()[scan.valid]))
         hit = hit[hit >= 0]
@@ -172,7 +178,7 @@ class VoxelMap:
         labels[hit] = SEEN
         labels[_strays(labels, votes, surfels)] = EMPTY
         stood = np.vstack([self.stood, scan.origin])
-        views = (*self.views, DepthView.of(scan.thin(MOST_SCAN_PIXELS), self.grid))
+        views = (*self.views, DepthView.of(scan, local, seen, self.grid))
         return replace(
             self, labels=labels, surfels=surfels, votes=votes, stood=stood, near=near, views=views
         )._with_occplane()

@@ -335,13 +335,8 @@ class Surfels:
         return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
     @classmethod
-    def of_scan(cls, scan: RangeImage, grid: VoxelGrid) -> Surfels:
-        """Return what one scan has seen; samples without a normal leave none."""
-        return cls.of_image(image_normals(scan, grid.voxel_m / 2), grid)
-
-    @classmethod
     def of_image(cls, local: ImageNormals, grid: VoxelGrid) -> Surfels:
-        """Return what one scan has seen, of its image of points and normals."""
+        """Return what one scan has seen; samples without a normal leave none."""
         points = local.points.reshape(-1, 3)
         voxel = grid.index_of(points)
         usable = (voxel >= 0) & (local.cosine.ravel() >= FLATTEST)
