@@ -92,6 +92,17 @@ def check_direction(name: str, vector: object) -> FloatArray:
     return checked / length
 
 
+def check_directions(name: str, vectors: object, n: int) -> FloatArray:
+    """Return `n` directions, or one for all, as unit vectors (n, 3).
+
+    Raises InputError: another number of them, or one that has no direction.
+    """
+    given = np.atleast_2d(np.asarray(vectors, dtype=np.float64))
+    if len(given) not in (1, n):
+        raise InputError(f"expected {name} with shape (3,) or ({n}, 3), got {given.shape}")
+    return np.broadcast_to([check_direction(name, vector) for vector in given], (n, 3))
+
+
 def check_faces(array: object, n_vertices: int) -> NDArray[np.int32]:
     """Return `array` as (m, 3) int32 vertex indices below `n_vertices`; raise InputError otherwise."""
     checked = np.asarray(array)

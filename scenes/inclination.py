@@ -47,8 +47,8 @@ class Up:
         Its standard deviation, degrees: of its angle in the direction in which it is known worst.
     is_decided : bool
         Whether no direction far from it is nearly as probable.
-    word : str
-        What to tell of it; "" of what was said, or is z as usual.
+    is_estimated : bool
+        Whether scans showed it; else a person said it, or it is so by convention.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class Up:
     direction: FloatArray
     sd_deg: float = 0.0
     is_decided: bool = True
-    word: str = ""
+    is_estimated: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "direction", check_direction("up", self.direction))
@@ -77,6 +77,37 @@ class Up:
         Raises InputError: another one.
         """
         return None if axis == "auto" else cls(axis_direction(axis))
+
+    @property
+    def is_z(self) -> bool:
+        """Whether it is exactly z, so that nothing is to be turned."""
+        return bool(self.direction[2] == 1.0)
+
+    @property
+    def word(self) -> str:
+        """What to tell of it where nothing is turned by it but drawings (`describe`)."""
+        return self.describe("coordinates stay as they are, roles and drawings go by it")
+
+    def describe(self, consequence: str) -> str:
+        """Return what to tell of an estimated direction; "" of what was said, or is decided and z as usual.
+
+        Parameters
+        ----------
+        consequence : str
+            What follows for coordinates, as "coordinates stay as they are".
+        """
+        if not self.is_estimated or (self.is_decided and self.is_z):
+            return ""
+        x, y, z = self.direction + 0.0
+        sentence = f"({x:.2f}, {y:.2f}, {z:.2f}) in the files' axes, sd {self.sd_deg:.1f} deg"
+        if not self.is_decided:
+            return (
+                f"up is undecided: {sentence}, is taken, but another direction is as probable; "
+                f"{consequence}; say it by --up"
+            )
+        return (
+            f"z is not up in the files, as it seems: up is {sentence}; {consequence}; --up z says otherwise"
+        )
 
     @property
     def drawing_from_world(self) -> Pose:

@@ -6,11 +6,12 @@ centre with 1280 x 720 pixels and a field of view of 70 deg. A true point counts
 point lies within 2 mm of it, and as seen well when a view sees it within 60 deg of its normal. The planner
 knows its voxels and its own scans alone; greedy knows both tables of the truth.
 
-Medians over starts, in per cent of the area, for 2 to 8 views.
+Medians over starts, in per cent of the area, for 2 to 8 views. With --literature the criteria of
+`nbv.online.literature` explore from the same starts.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.cases.frames import DATA
 from benchmarks.run import head, row, suite
+from nbv.online.literature import CRITERIA
 from nbv.online.planner import PlannerOptions, explore
 from nbv.online.targets import GainOptions
 from nbv.plan.baselines import farthest_poses
@@ -79,10 +81,10 @@ def measure_truth(scene: Scene, caster: RayCaster, candidates: Candidates, sampl
 
 
 def explore_bunny(
-    scene: Scene, caster: RayCaster, candidates: Candidates, start: int, gain: GainOptions
+    scene: Scene, caster: RayCaster, candidates: Candidates, start: int, options: PlannerOptions
 ) -> list[int]:
     """Return the numbers of the views that the online planner takes."""
-    options = PlannerOptions(max_views=N_VIEWS, epsilon_m2=0.0, gain=gain)
+    options = replace(options, max_views=N_VIEWS, epsilon_m2=0.0)
     number_of = {candidates.pose(k).translation.tobytes(): k for k in range(candidates.n_poses)}
     taken: list[int] = []
 
@@ -117,7 +119,12 @@ def _medians(name: str, sequences: Sequences, truth: Truth) -> str:
 
 @suite("bunny", smallest="--candidates 30 --samples 3000 --starts 1 --blind 2")
 def bunny(
-    candidates: int = 500, samples: int = 60_000, starts: int = N_STARTS, blind: int = N_BLIND
+    candidates: int = 500,
+    samples: int = 60_000,
+    starts: int = N_STARTS,
+    blind: int = N_BLIND,
+    *,
+    literature: bool = False,
 ) -> Iterator[str]:
     """Views around the Stanford bunny: online beside random, farthest-point and greedy choices."""
     scene = load_bunny()
@@ -130,8 +137,13 @@ def bunny(
     yield from head(
         "planner", "starts", *(f"{what} {k}" for what in ("2 mm,", "60 deg,") for k in range(2, N_VIEWS + 1))
     )
-    for name, gain in (("online", GainOptions()), ("online, w_q = 0", GainOptions(quality_weight=0.0))):
-        yield _medians(name, [explore_bunny(scene, caster, places, start, gain) for start in first], truth)
+    online = {
+        "online": PlannerOptions(),
+        "online, w_q = 0": PlannerOptions(gain=GainOptions(quality_weight=0.0)),
+        **{f"online:{name}": PlannerOptions(criterion=name) for name in CRITERIA if literature},
+    }
+    for name, options in online.items():
+        yield _medians(name, [explore_bunny(scene, caster, places, start, options) for start in first], truth)
     yield _medians("farthest-point", [farthest_poses(places, start, N_VIEWS) for start in many], truth)
     random = [[start, *rng.integers(places.n_poses, size=N_VIEWS - 1).tolist()] for start in many]
     yield _medians("random", random, truth)

@@ -28,9 +28,9 @@ from nbv import SurfaceSamples, load_sensor, plan_views
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.online.limits import GRID_M
-from nbv.plan.planning import Method
 from nbv.plan.rules import grid_places, nearest_poses, room_and_doorway_places
 from nbv.plan.tour import Tour, plan_tour
+from nbv.run.plan_options import Method
 from nbv.scanning.sensor import Sensor, View
 from nbv.visibility.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.requirement import Requirement

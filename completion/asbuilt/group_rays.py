@@ -56,14 +56,14 @@ class GroupRays:
 
     @classmethod
     def of(cls, scans: Sequence[RangeImage], poses: Sequence[Pose], up: FloatArray) -> GroupRays:
-        """Return what scans measured, by their poses in the group; `up` (3,) is that of their own worlds.
+        """Return what scans measured, by their poses in the group; `up` (n, 3) is that of their own worlds.
 
         They know it to some degrees. What their facets face tells it to tenths.
         Raises InputError: no facet in any of them.
         """
         parts, said = [], np.zeros(3)
         for number, (scan, pose) in enumerate(zip(scans, poses, strict=True)):
-            said += pose.rotate(up @ scan.world_from_sensor.rotation)
+            said += pose.rotate(up[number] @ scan.world_from_sensor.rotation)
             parts.append(_part(number, scan, pose))
         if not sum(len(part[0]) for part in parts):
             names = ", ".join(scan.name for scan in scans)

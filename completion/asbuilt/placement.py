@@ -18,7 +18,7 @@ from completion.asbuilt.group_rays import GroupRays
 from completion.asbuilt.pose_votes import vote
 from completion.registration.motions import angle_between
 from completion.registration.pipeline import register_scans
-from scenes.checks import FloatArray, InputError, check_direction
+from scenes.checks import FloatArray, InputError, check_directions
 from scenes.mesh.design import ElementMesh
 from scenes.pose import Pose
 from scenes.run.steps import Progress
@@ -118,8 +118,8 @@ def place_on_design(
         Of their own poses only what is up is used, to some degrees.
     together : bool
         Whether the scans are registered among themselves: they keep their poses to each other.
-    up : (3,) float, optional
-        What is up in the worlds of the scans; z when not given.
+    up : (3,) or (n, 3) float, optional
+        What is up in the worlds of the scans, of all or of each; z when not given.
     n_threads : int, optional
         Threads; results do not depend on it.
     progress : callable, optional
@@ -135,7 +135,7 @@ def place_on_design(
         raise InputError("no scans to place on the design; give at least one")
     if not len(design.mesh.faces):
         raise InputError(f"{design.name} has no surface to place scans on")
-    upward = check_direction("up", (0.0, 0.0, 1.0) if up is None else up)
+    upward = check_directions("up", (0.0, 0.0, 1.0) if up is None else up, len(scans))
 
     # 1. Group: scans whose poses to each other are known.
     groups = _groups(scans, together, n_threads, progress)
@@ -147,7 +147,7 @@ def place_on_design(
     for number, group in enumerate(groups):
         if progress:
             progress("places", number, len(groups))
-        measured = GroupRays.of([scans[scan] for scan in group], list(group.values()), upward)
+        measured = GroupRays.of([scans[scan] for scan in group], list(group.values()), upward[list(group)])
         found.append(_find_places(rays, measured, group, middle))
     if progress:
         progress("places", len(groups), len(groups))

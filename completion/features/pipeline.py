@@ -181,6 +181,9 @@ def find_features(
                     )
                     features, doubts = [*features, *fits], [*doubts, *sentences]
 
+        elif isinstance(material, Measurements) and up is None and set(kinds) & set(SOLIDS):
+            doubts.append("points do not tell what is up: z is taken; --up says otherwise")
+
         # 2. Others: solids, patterns of holes and junctions, in the points of all scans together.
         if others:
             measured = material if isinstance(material, Measurements) else of_scans(material)

@@ -17,7 +17,7 @@ from completion.registration.network import ScanGroup, group_scans, settle_group
 from completion.registration.registered import Registered, held_poses, verdicts_of
 from completion.registration.station_view import StationView, unit_of
 from completion.registration.verdict import with_images
-from scenes.checks import FloatArray, InputError, check_direction
+from scenes.checks import FloatArray, InputError, check_directions
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.mapping import NO_SPILL, NoSpill, Spill
 from scenes.run.steps import Progress, Steps
@@ -50,8 +50,8 @@ def register_scans(
         Accepted probability of a false claim, above 0 and below 1.
     upright : bool
         Whether the scans' own poses know what is up: levelled scanners. Only turns about it are tried.
-    up : (3,) float, optional
-        The direction of their worlds that is up; z when not given.
+    up : (3,) or (n, 3) float, optional
+        The direction of their worlds that is up, of all or of each; z when not given.
     started : bool
         Whether the scans' own poses are tried too. What beams approve more is never given up for them.
     n_threads : int, optional
@@ -73,11 +73,11 @@ def register_scans(
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         # 1. View: the facets and planes of each scan, in its own frame; small objects in smaller units.
         unit = unit_of(scans)
-        axis = check_direction("up", (0.0, 0.0, 1.0) if up is None else up) if upright else None
+        axes = check_directions("up", (0.0, 0.0, 1.0) if up is None else up, len(scans)) if upright else None
         views = steps.each(
             "facets",
-            lambda scan: StationView.of(scan, up=axis, unit_m=unit),
-            scans,
+            lambda k: StationView.of(scans[k], up=None if axes is None else axes[k], unit_m=unit),
+            range(len(scans)),
             remember=False,
         )
 

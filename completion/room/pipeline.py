@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from completion.merging.scan_surfaces import ScanSurfaces
+from completion.merging.scan_surfaces import ScanSurfaces, SurfaceOptions, find_surfaces
 from completion.room.coplanar import join_coplanar
 from completion.room.planes import RoomPlane
 from completion.room.up import find_up
 from scenes.inclination import Up
 from scenes.pose import Pose
+from scenes.run.journal import NO_JOURNAL
+from scenes.run.steps import Steps
+from scenes.scan.range_image import RangeImage
 
 
 def find_room(
@@ -41,3 +45,10 @@ def find_room(
     here = up.within(world_from_reference)
     joined = join_coplanar(scan_surfaces.surfaces, planes, observations, flatness_m, here)
     return up, replace(scan_surfaces, surfaces=tuple(joined))
+
+
+def estimate_up(scans: Sequence[RangeImage], *, n_threads: int | None = None) -> Up:
+    """Estimate which way is up in the world of scans, by their surfaces and how sensors are held."""
+    with Steps.over([scan.ranges.size for scan in scans], n_threads, None, NO_JOURNAL) as steps:
+        surfaces = find_surfaces(scans, SurfaceOptions(), steps)
+        return find_room(surfaces, scans[0].world_from_sensor, across=False)[0]

@@ -228,7 +228,7 @@ def find_up(
     angle_deg = float(np.degrees(np.arccos(np.clip(up @ axis, -1.0, 1.0))))
     if angle_deg <= limits.EXACT_SD * sd_deg:
         up = axis
-    return Up(up, sd_deg, is_decided, _word(up, sd_deg, is_decided=is_decided))
+    return Up(up, sd_deg, bool(is_decided), is_estimated=True)
 
 
 def _spread(ups: FloatArray) -> list[FloatArray]:
@@ -240,17 +240,3 @@ def _spread(ups: FloatArray) -> list[FloatArray]:
         if len(chosen) == limits.N_REFINED:
             break
     return chosen
-
-
-def _word(up: FloatArray, sd_deg: float, *, is_decided: bool) -> str:
-    """What to tell of it; nothing of z that is decided."""
-    x, y, z = up + 0.0
-    sentence = f"({x:.2f}, {y:.2f}, {z:.2f}) in the files' axes, sd {sd_deg:.1f} deg"
-    if not is_decided:
-        return f"up is undecided: {sentence}, is taken, but another direction is as probable; say it by --up"
-    if z == 1.0:
-        return ""
-    return (
-        f"z is not up in the files, as it seems: up is {sentence}; coordinates stay as they are, roles and "
-        "drawings go by it; --up z says otherwise"
-    )

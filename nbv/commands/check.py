@@ -30,7 +30,7 @@ from nbv.report.check_report import check_page
 from nbv.report.figures.check_snapshots import check_snapshots
 from nbv.run.wording import count
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scans.registering import without_copies
+from nbv.scans.registering import ups_of, without_copies
 from scenes.checks import InputError
 from scenes.io.scan_request import GivenScans, read_request
 from scenes.world.scene import Scene
@@ -99,8 +99,9 @@ def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[Gi
         return replace(given, scans=distinctly_named(given.scans, given.names)), turned
     given, copies = without_copies(read_request(asked.request(), posed=False))
     given = replace(given, scans=distinctly_named(given.scans, given.names))
+    upward, doubts = ups_of(given.scans, n_threads=run.shared.threads)
     placement = place_on_design(
-        scene.element_mesh, given.scans, n_threads=run.shared.threads, progress=run.progress
+        scene.element_mesh, given.scans, up=upward, n_threads=run.shared.threads, progress=run.progress
     )
     if not placement.is_placed:
         raise InputError(
@@ -111,7 +112,7 @@ def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[Gi
         scan.with_facts(world_from_sensor=pose)
         for scan, pose in zip(given.scans, placement.poses, strict=True)
     )
-    return replace(given, scans=placed), (*copies, *placement.sentences)
+    return replace(given, scans=placed), (*copies, *doubts, *placement.sentences)
 
 
 def summary_of(checked: CheckedDesign) -> dict[str, Any]:

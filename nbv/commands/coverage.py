@@ -20,7 +20,7 @@ from nbv.coverage.measurement import check_scans, measure_coverage, measure_scan
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.plan import read_plan
-from nbv.report.coverage_report import coverage_page
+from nbv.report.coverage_report import coverage_page, noun_of
 from nbv.report.figures.surface_values import fine_coverage
 from nbv.report.scans_report import scan_coverage_page
 from nbv.run.wording import count, percent_within, square_metres
@@ -31,6 +31,7 @@ from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.state_mesh import STATES as SCAN_STATES
 from nbv.scans.state_mesh import StateMesh
+from nbv.scans.upright import UprightScans
 from nbv.visibility.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
@@ -59,7 +60,7 @@ def options_record(asked: CoverageOptions) -> dict[str, Any]:
         "mode": asked.mode,
         "site": asdict(asked.site),
         "without": list(asked.without),
-        "up": asked.up,
+        **({} if asked.scene is None else {"up": asked.up}),
         "units": asked.units,
         **({"inference": asked.inference} if asked.scene is None else {}),
     }
@@ -90,7 +91,7 @@ def _run_scene_coverage(shared: Shared, scene: str, request: CoverageOptions) ->
         run.watch.enter("load")
         files = [request.plan] if request.plan else request.request().inputs
         run.read([scene, request.sensor, *files])
-        world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        world = open_scene(scene, up=request.scene_up, units=request.units, mode=request.mode)
         world = world.without(request.without)
         run.warn(world.warnings)
         measured = _measure(run, world, request)
@@ -120,9 +121,10 @@ def _run_scene_coverage(shared: Shared, scene: str, request: CoverageOptions) ->
             "warnings": world.warnings,
         }
         met = percent_within(coverage.met, coverage.standard_errors()["met"])
+        noun = noun_of(measured.stations)
         reached = percent_within(coverage.met_of_reachable, coverage.met_of_reachable_error)
         line = (
-            f"{count(len(measured.stations), 'station measures', 'stations measure')} "
+            f"{count(len(measured.stations), f'{noun} measures', f'{noun}s measure')} "
             f"{met} % of the area, {reached} % of what can be reached"
         )
         run.finish(resolved, summary, [line])
@@ -229,7 +231,7 @@ def _write_scene_ply(path: Path, world: Scene, coverage: Coverage) -> None:
 
 
 _STATE_COLOURS = np.array(
-    [[158, 163, 163], [244, 211, 158], [46, 122, 204], [230, 159, 26], [219, 219, 214]], np.uint8
+    [[158, 163, 163], [209, 214, 214], [46, 122, 204], [230, 159, 26], [244, 211, 158]], np.uint8
 )
 
 
@@ -244,16 +246,15 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
         placement = []
         if request.register:
             placed = register_request(scan_request, n_threads=shared.threads, progress=run.progress)
-            given, options = (
-                placed.given.with_z_up(request.up or "z"),
-                replace(options, pose_deviations_m=placed.deviations_m),
-            )
+            given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
             placement = [placed.summary]
         else:
-            given = read_request(scan_request).with_z_up(request.up or "z")
-        run.warn(given.doubts)
+            given = read_request(scan_request)
+        upright = UprightScans.of(given.scans, Up.along(scan_request.up), n_threads=shared.threads)
+        doubts = upright.doubts("coverage.json")
+        run.warn([*given.doubts, *doubts])
         run.watch.enter("voxels")
-        scans = [with_known_noise(scan) for scan in given.scans]
+        scans = [with_known_noise(scan) for scan in upright.scans]
         model = complete(scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress)
         completed = KnownSurfaces(model, options.max_sd_m)
         scan_map = ScanMap.of(
@@ -261,13 +262,15 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
         )
         coverage = cover_by_scans(scan_map, requirement, completion=model)
         run.watch.enter("report")
-        write_json(run.path("coverage.json"), coverage.to_json())
+        write_json(run.path("coverage.json"), {**coverage.to_json(), **upright.to_json()})
         write_text(run.path("coverage.csv"), scan_csv(coverage))
         state = StateMesh.of(coverage)
         _write_state_ply(run.path("coverage.ply"), state)
         asked = {**options_record(request), "mode": scan_map.mode, "instruments": given.instruments}
-        run.report(scan_coverage_page(coverage, state, sensor, scan_request.title, shared.threads), asked)
-        run.finish(asked, {**coverage.to_json(), **placed_of(placement)}, placement + scan_lines(coverage))
+        page = scan_coverage_page(coverage, state, sensor, scan_request.title, shared.threads)
+        run.report(replace(page, warnings=(*doubts, *page.warnings)), asked)
+        summary = {**coverage.to_json(), "warnings": [*given.doubts, *doubts], **placed_of(placement)}
+        run.finish(asked, summary, placement + scan_lines(coverage))
 
 
 def scan_csv(coverage: ScanCoverage) -> str:

@@ -227,6 +227,22 @@ def _up() -> Any:
     return option("--up", "Up axis of the file.", None, shown="z; y of GLB and glTF")
 
 
+def _site_up() -> Any:
+    return option(
+        "--up", "Up axis of the file; of scans alone -x, -y and -z, too.", None,
+        shown="z; y of GLB and glTF; of scans alone estimated and reported",
+    )  # fmt: skip
+
+
+def _scene_up(up: SignedAxis | None, scene: str | None) -> Axis | None:
+    """The axis that a person says is up in a scene's file; a usage error for one that points down."""
+    if scene is None or up is None or up == "auto":
+        return None
+    if up in ("x", "y", "z"):
+        return up
+    raise typer.BadParameter(f"--up {up} is for scans alone: a scene's file has x, y or z up")
+
+
 def _scan_up() -> Any:
     return option("--up", "Up axis of the files; auto: estimated and reported.", "auto")
 
@@ -399,16 +415,17 @@ class PlanOptions:
     )  # fmt: skip
     noise: str = _noise()
     scheduler: str | None = _scheduler()
-    up: Axis | None = _up()
+    up: SignedAxis | None = _site_up()
     units: Units = _units()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
+        _ = self.scene_up
         method, search = self.search.method, self.search
         if self.scene is None and not self.scans:
             raise typer.BadParameter("give SCENE, or --scans SCAN one or more times, or both")
-        if self.scene is None and method == "cover":
-            raise typer.BadParameter("--method cover knows the scene: give SCENE, or leave the method out")
+        if self.scene is None and method != "nbv":
+            raise typer.BadParameter(f"--method {method} needs a scene: give SCENE, or leave the method out")
         if self.scene is not None and self.plan is not None:
             raise typer.BadParameter("--plan is an earlier plan of next stations: leave SCENE out, or --plan")
         if self.scene is None and (self.without or self.site.start is not None):
@@ -428,7 +445,13 @@ class PlanOptions:
 
     def request(self) -> ScanRequest:
         """Return the scans that were taken before; beside a scene `units` and `up` are the scene's."""
-        return self.read.request(self.scans, "m" if self.scene else self.units)
+        up = "z" if self.scene else self.up or "auto"
+        return self.read.request(self.scans, "m" if self.scene else self.units, up)
+
+    @property
+    def scene_up(self) -> Axis | None:
+        """The axis that is said to be up in the scene's file."""
+        return _scene_up(self.up, self.scene)
 
     @property
     def inputs(self) -> list[str]:
@@ -456,11 +479,12 @@ class CoverageOptions:
     site: SiteOptions = group(SiteOptions, ("start", "several_heights"))
     without: tuple[str, ...] = _without()
     inference: Mode = option("--inference", "Without SCENE: how far surfaces are continued.", "standard")
-    up: Axis | None = _up()
+    up: SignedAxis | None = _site_up()
     units: Units = _units()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
+        _ = self.scene_up
         if (self.plan is None) == (not self.scans):
             raise typer.BadParameter("give either --plan plan.json or --scans SCAN, one or more times")
         if self.scene is None and self.plan is not None:
@@ -470,7 +494,13 @@ class CoverageOptions:
 
     def request(self) -> ScanRequest:
         """Return the scans; beside a scene `units` and `up` are the scene's."""
-        return self.read.request(self.scans, "m" if self.scene else self.units)
+        up = "z" if self.scene else self.up or "auto"
+        return self.read.request(self.scans, "m" if self.scene else self.units, up)
+
+    @property
+    def scene_up(self) -> Axis | None:
+        """The axis that is said to be up in the scene's file."""
+        return _scene_up(self.up, self.scene)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -713,11 +743,11 @@ class RegisterOptions:
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
     read: ReadOptions = group(ReadOptions, ("poses", "trajectory"))
     units: Units = _units()
-    up: Axis | None = _up()
+    up: SignedAxis = _scan_up()
 
     def request(self) -> ScanRequest:
         """Return the scans."""
-        return self.read.request(self.scans, self.units, self.up or "z", self.start)
+        return self.read.request(self.scans, self.units, self.up, self.start)
 
     def record(self) -> dict[str, Any]:
         """Return the options beside those of the scans, for manifest and report."""

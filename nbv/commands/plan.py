@@ -42,12 +42,14 @@ from nbv.scans.scan_record import (
     read_predictions,
     record_scans,
 )
+from nbv.scans.upright import UprightScans
 from nbv.visibility.candidates import with_aperture
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import allowed_candidates, load_candidates
 from nbv.visibility.visibility import select_facing
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
+from scenes.inclination import Up
 from scenes.io.scan_request import GivenScans, read_request
 from scenes.io.scene_files import open_scene
 from scenes.run.atomic import write_json
@@ -63,7 +65,8 @@ def options_record(asked: PlanOptions) -> dict[str, Any]:
         without=("scene", "scans", "site", "scheduler", *(entry.name for entry in fields(ReadOptions))),
     )
     scans = asked.request().options()
-    return {**record, **scans, "up": asked.up, "units": asked.units, "site": asdict(asked.site)}
+    up = scans["up"] if asked.scene is None else asked.up
+    return {**record, **scans, "up": up, "units": asked.units, "site": asdict(asked.site)}
 
 
 def zones_of(asked: PlanOptions) -> Zones:
@@ -87,7 +90,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         run.watch.enter("load")
         run.read([scene, *request.inputs])
         zones = zones_of(request)
-        world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        world = open_scene(scene, up=request.scene_up, units=request.units, mode=request.mode)
         world = world.without(request.without)
         sensor = load_sensor(request.sensor)
         doubts = [*world.warnings, *missing_errors(sensor, request.noise)]
@@ -254,11 +257,13 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         site, scan_request = request.site, request.request()
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
-        given = read_request(scan_request).with_z_up(request.up or "z")
-        run.warn(given.doubts)
+        given = read_request(scan_request)
         predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
+        upright = UprightScans.of(given.scans, Up.along(scan_request.up), n_threads=shared.threads)
+        doubts = upright.doubts("plan.json")
+        run.warn([*given.doubts, *doubts])
         run.watch.enter("complete")
-        scans = [with_known_noise(scan) for scan in given.scans]
+        scans = [with_known_noise(scan) for scan in upright.scans]
         few = [scan.thin(MOST_SCAN_PIXELS) for scan in scans]
         completed = KnownSurfaces.of(few, requirement.max_sd_m, relates=False, n_threads=shared.threads)
         run.watch.enter("voxels")
@@ -286,17 +291,18 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         plan = replace(plan, rooms=room_entries(coverage, plan, chosen))
         record = record_scans(coverage, predictions)
         run.watch.enter("report")
-        entries = {"seed": shared.seed, "record": [scan.to_json() for scan in record]}
+        entries = {"seed": shared.seed, "record": [scan.to_json() for scan in record], **upright.to_json()}
         write_json(run.path("plan.json"), {**plan.to_json(), **entries})
         write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
-        write_json(run.path("coverage.json"), coverage.to_json())
+        write_json(run.path("coverage.json"), {**coverage.to_json(), **upright.to_json()})
         asked = {**options_record(request), "mode": scan_map.mode, "instruments": given.instruments}
         page = next_stations_page(
             plan, coverage, record, scan_request.title, infers=request.search.infer, n_threads=shared.threads
         )
-        run.report(page, asked)
+        run.report(replace(page, warnings=(*doubts, *page.warnings)), asked)
         resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
-        run.finish(resolved, next_summary(plan, coverage, record), next_lines(plan, coverage, record))
+        summary = {**next_summary(plan, coverage, record), "warnings": [*given.doubts, *doubts]}
+        run.finish(resolved, summary, next_lines(plan, coverage, record))
 
 
 def _earlier_plan(request: PlanOptions, out: Path) -> Path | None:

@@ -15,8 +15,8 @@ from completion.registration.verdict import Verdict
 from nbv.commands.options import RegisterOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
-from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
-from scenes.inclination import axis_direction
+from nbv.scans.registering import copies_of, copies_told, doubts_of_poses, ups_of
+from scenes.inclination import Up
 from scenes.io.formats.format import written_suffixes
 from scenes.io.scan_files import split_index, write_scan, write_scans
 from scenes.io.scan_request import GivenScans, read_request
@@ -34,6 +34,11 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
         given = read_request(request, posed=how.checks)
         asked = {**request.options(), **how.record()}
         run.warn(given.doubts)
+        said, doubts = Up.along(how.up), list[str]()
+        upward = None if said is None else said.direction
+        if how.upright and upward is None and not how.checks:
+            run.watch.enter("up")
+            upward, doubts = ups_of(given.scans, n_threads=shared.threads)
         run.will_call(count_agreement, 20)
         if how.checks:
             poses = check_poses(given.scans, n_threads=shared.threads, progress=run.progress)
@@ -42,7 +47,7 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
                 given.scans,
                 level=how.level,
                 upright=how.upright,
-                up=axis_direction(how.up or "z"),
+                up=upward,
                 started=request.poses is not None,
                 n_threads=shared.threads,
                 progress=run.progress,
@@ -51,7 +56,7 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
         names = given.names
         short = [Path(name).name for name in names]
         same = copies_told(short, copies_of(given.scans))
-        warnings = [*given.doubts, *same, *doubts_of_poses(poses, short)]
+        warnings = [*given.doubts, *doubts, *same, *doubts_of_poses(poses, short)]
         run.warn(warnings[len(given.doubts) :])
         run.watch.enter("save")
         record = {**registration_record(poses, given.scans, names), "warnings": warnings}

@@ -88,17 +88,17 @@ def warm_completion(folder: Path) -> None:
 
 
 def warm_planning(folder: Path) -> None:
-    """Plan two views online and offline."""
+    """Plan two views online, by a criterion of the literature, and offline."""
     find_site(open_scene(_ROOM))
     candidates = folder / "candidates.npz"
     positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
     np.savez(candidates, positions=positions, directions=np.vstack([np.eye(3), -np.eye(3)]))
     sensor = _sensor(folder / "planning.toml")
-    methods: tuple[Literal["nbv", "cover"], ...] = ("nbv", "cover")
+    methods: tuple[Literal["nbv", "online:frontier", "cover"], ...] = ("nbv", "online:frontier", "cover")
     for method in methods:
         search = SearchOptions(method=method, views=2, polish_steps=20)
         asked = PlanOptions(scene=_ROOM, search=search, sensor=sensor, candidates=str(candidates))
-        run_plan(_shared_options(folder / method), asked)
+        run_plan(_shared_options(folder / method.replace(":", "-")), asked)
 
 
 def _sensor(path: Path) -> str:

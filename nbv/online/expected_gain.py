@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from nbv.coverage.surface_classes import KnownSurfaces
-from nbv.online.gain import ViewEvaluation, cell_directions
+from nbv.online.gain import cell_directions
 from nbv.online.limits import CONTINUED_M, FLATTEST, FLATTEST_EXPECTED, REMEMBERED, TRUSTED_RAYS
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.voxels import UPWARD, VoxelGrid
@@ -32,6 +32,8 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled
 
+import os
+POWER = float(os.environ.get("POWER", "0"))
 _CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
 DOUBTFUL = len(CONTINUED_M) + 1  # number of inferred surface that does not count
 _EMPTY, _UNKNOWN, _SKIN, _SURFACE = range(4)  # kinds of voxels; skin: unknown ones beside known surface
@@ -179,34 +181,25 @@ def _within(grid: VoxelGrid, points: FloatArray, values: FloatArray) -> tuple[ND
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedGain:
-    """Unknown space, what is worth seeing in it, and how likely surface is.
-
-    `wanted` (n_voxels,) tells where surface is worth seeing, `sought` (n_voxels,) which unknown voxels have
-    not been entered in vain too often.
-    """
+    """Unknown space, where surface in it is worth seeing (`wanted`, (n_voxels,)), and how likely it is."""
 
     space: UnknownSpace
     prior: SurfacePrior
     wanted: BoolArray
-    sought: BoolArray
 
-    def look(self, position: FloatArray, max_range_m: float) -> ViewEvaluation:
-        """Evaluate a position (3,), world coordinates in metres, in all directions within the range.
+    def chance_behind(self, position: FloatArray, offsets: FloatArray, max_range_m: float) -> FloatArray:
+        """Probability (n,) that rays from a position (3,) find new surface where, and behind where, they end.
 
-        The worth of a ray is the area that its cell of the cube map cuts out of the face of the unknown, as
-        seen from the position, times the probability that it meets surface behind it that is not known yet.
+        `offsets` (n, 3) are from the position to the places, metres along the world's axes.
         """
-        rays, solid_angles = _directions()
         space, prior = self.space, self.prior
-        near, voxel, found = _expect(
-            position, rays, max_range_m, space.grid.origin, space.grid.shape, space.grid.voxel_m, space.kind,
-            space.confidence, space.possible, space.outdoors, space.first, space.normals,
-            self.wanted, self.sought, prior.rate_per_m(), prior.trust(), prior.possible(),
+        near = np.linalg.norm(offsets, axis=1)
+        return _expect(
+            position, offsets / near[:, None], near - space.grid.voxel_m, max_range_m, space.grid.origin,
+            space.grid.shape, space.grid.voxel_m, space.kind, space.confidence, space.possible,
+            space.outdoors, space.first, space.normals, self.wanted,
+            prior.rate_per_m(), prior.trust(), prior.possible(), POWER,
         )  # fmt: skip
-        kept = np.flatnonzero(found > 0)
-        unknown = np.ones(len(kept), dtype=np.bool_)
-        worth = found[kept] * solid_angles[kept] * np.square(near[kept])
-        return ViewEvaluation(near[kept, None] * rays[kept], worth, voxel[kept], unknown)
 
 
 @compiled
@@ -265,6 +258,7 @@ def _cross(
 def _expect(
     position: FloatArray,
     rays: FloatArray,
+    near: FloatArray,
     max_range_m: float,
     origin: FloatArray,
     shape: tuple[int, int, int],
@@ -276,36 +270,33 @@ def _expect(
     first: NDArray[np.int64],
     normals: FloatArray,
     wanted: BoolArray,
-    sought: BoolArray,
     rate_per_m: FloatArray,
     trust: FloatArray,
     chances: FloatArray,
-) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
-    """Return where each ray (n, 3) enters the unknown, the voxel, and how probably it finds new surface."""
+    power: float,
+) -> FloatArray:
+    """Return how probably each ray (n, 3) finds new surface beyond `near` (n,), metres."""
     most = shape[0] + shape[1] + shape[2] + 3
-    voxels, ends = np.zeros(most, np.int64), np.zeros(most)
-    near, entered, found = np.zeros(len(rays)), np.full(len(rays), -1, np.int64), np.zeros(len(rays))
+    voxels, ends, found = np.zeros(most, np.int64), np.zeros(most), np.zeros(len(rays))
     for i in range(len(rays)):
         ray = rays[i]
         n, begin, side = _cross(position, ray, origin, shape, voxel_m, voxels, ends)
         left, was_inferred, was_possible, is_open = 1.0, False, False, n > 0
         for k in range(n):
             voxel, end = voxels[k], ends[k]
+            if end <= near[i]:
+                begin = end
+                continue
             if begin > max_range_m or (kind[voxel] == _EMPTY and outdoors[voxel // shape[2]]):
                 is_open = False
                 break
-            if kind[voxel] != _EMPTY and entered[i] < 0:
-                if not sought[voxel]:
-                    is_open = False
-                    break
-                near[i], entered[i] = max(begin, 1e-3), voxel
             if kind[voxel] == _SURFACE:
                 is_rear = first[voxel + 1] > first[voxel]
                 for at in range(first[voxel], first[voxel + 1]):
                     slope = ray[0] * normals[at, 0] + ray[1] * normals[at, 1] + ray[2] * normals[at, 2]
                     is_rear = is_rear and slope > FLATTEST
                 if is_rear and wanted[voxel]:
-                    found[i] += left
+                    found[i] += left * max(begin / (near[i] + voxel_m), 1.0) ** power
                 is_open = False
                 break
             if confidence[voxel] > 0.0 and not was_inferred:
@@ -314,20 +305,20 @@ def _expect(
             if possible[voxel] > 0 and not was_possible:
                 meets = chances[possible[voxel]]
                 if wanted[voxel]:
-                    found[i] += left * meets
+                    found[i] += left * meets * max(begin / (near[i] + voxel_m), 1.0) ** power
                 left *= 1.0 - meets
             was_possible = possible[voxel] > 0
             if kind[voxel] == _UNKNOWN and not was_inferred and not was_possible:
                 meets = 1.0 - np.exp(-rate_per_m[side] * (end - begin))
                 if wanted[voxel]:
-                    found[i] += left * meets
+                    found[i] += left * meets * max(begin / (near[i] + voxel_m), 1.0) ** power
                 left *= 1.0 - meets
             begin = end
         last = voxels[n - 1] if n else 0
         is_open = is_open and begin <= max_range_m and abs(ray[side % 3]) >= FLATTEST_EXPECTED
         if is_open and kind[last] != _EMPTY and wanted[last] and not (was_inferred or was_possible):
-            found[i] += left * trust[side]
-    return near, entered, found
+            found[i] += left * trust[side] * max(begin / (near[i] + voxel_m), 1.0) ** power
+    return found
 
 
 @compiled

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from nbv.online.limits import FLATTEST
-from nbv.online.targets import Targets
+from nbv.online.look_ahead import plan_ahead
+from nbv.online.targets import GainOptions, Targets
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import BoolArray, FloatArray
@@ -75,13 +76,14 @@ class ViewEvaluation:
     """What a position sees of n targets in all directions.
 
     `offsets` (n, 3) are from the position, metres along the world's axes; `worth_m2` (n,) is what each is
-    worth from there.
+    worth from there, and `share` (n,) the part 0..1 of it that seeing it from there settles.
     """
 
     offsets: FloatArray
     worth_m2: FloatArray
     voxel: NDArray[np.int64]
     is_unknown: BoolArray
+    share: FloatArray
 
     def some(self, chosen: BoolArray) -> ViewEvaluation:
         """Return those that are chosen (n,)."""
@@ -133,11 +135,16 @@ class Accumulator:
         """
         best, most = None, 0.0
         for number in self._select_promising(worth):
-            i, pose = number // self.candidates.n_directions, self.candidates.pose(number)
-            gain = float(worth[i][self.sensor.sees(self.offsets[i] @ pose.rotation)].sum())
+            i, inside = self.inside(number)
+            gain = float(worth[i][inside].sum())
             if gain > most:
                 best, most = number, gain
         return best
+
+    def inside(self, number: int) -> tuple[int, BoolArray]:
+        """Return the position of a pose, and which (k,) of what that sees lie in the pose's aperture."""
+        i, pose = number // self.candidates.n_directions, self.candidates.pose(number)
+        return i, self.sensor.sees(self.offsets[i] @ pose.rotation)
 
     def _select_promising(self, worth: Sequence[FloatArray]) -> list[int]:
         """Numbers of the few poses that see most by whole cells; of all where directions differ."""
@@ -168,6 +175,7 @@ def cell_directions(n: int = _SPHERE_CELLS) -> FloatArray:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
+_DEFAULT_GAIN = GainOptions()
 _BYTES_A_TARGET = 200  # that a thread takes for each target
 _BYTES_A_LOOK = 2_000_000  # and for the rays into unknown space
 
@@ -198,33 +206,36 @@ def best_view(
     *,
     sensor: Sensor,
     required_cosine: float,
-    expected: Callable[[FloatArray, float], ViewEvaluation] | None = None,
-    n_most: int = 2000,
+    expected: Callable[[FloatArray, FloatArray, float], FloatArray] | None = None,
+    gain: GainOptions = _DEFAULT_GAIN,
     n_threads: int | None = None,
 ) -> BestView | None:
-    """Return the candidate with the largest gain, the first of equals; None where none has any.
+    """Return the candidate to take next; None where none has any gain.
+
+    Once less of the worth is unknown than was seen badly, the next views are planned together, as many as
+    `gain` looks ahead (`plan_ahead`), and the one of them with the largest gain is taken; before that, what
+    the next scan finds changes more than a plan can tell, and the candidate with the largest gain is taken.
 
     Parameters
     ----------
     boundary : RayCaster
-        The faces between empty voxels and all others, which end lines of sight.
+        The surface of the possible solid, which ends lines of sight.
     candidates : Candidates
         Positions that are free, and directions.
     required_cosine : float
         At which badly seen surface counts as seen well, margin included.
     expected : callable, optional
-        `ExpectedGain.look`: what views into unknown space are worth from a position (3,), within metres; it
-        replaces the unknown faces among the targets.
-    n_most : int
-        Candidates are compared by at most so many of the targets; the gain of the best is that of all.
+        `ExpectedGain.chance_behind`: how probably rays from a position (3,) along offsets (n, 3) find new
+        surface within a range in metres; unknown surface is worth that much of its area.
+    gain : GainOptions
+        By how many targets candidates are compared (the gain of the best is that of all), and how many views
+        are planned together.
     n_threads : int, optional
         Threads; the result does not depend on it.
     """
-    if not candidates.n_poses or not (len(targets) or expected):
+    if not candidates.n_poses or not len(targets):
         return None
-    few = targets.thin(n_most)
-    if expected is not None:
-        few, targets = (surfels.some(~surfels.is_unknown) for surfels in (few, targets))
+    few = targets.thin(gain.max_targets)
     # what each position sees in any direction, and the pose whose aperture holds most of it
     sees = partial(
         seen_from, boundary=boundary, required_cosine=required_cosine, sensor=sensor, expected=expected
@@ -232,7 +243,15 @@ def best_view(
     with threads(_BYTES_A_TARGET * len(few) + _BYTES_A_LOOK, n_threads) as pool:
         seen = list(pool.map(partial(sees, few), candidates.positions))
     accumulator = Accumulator.of([evaluation.offsets for evaluation in seen], candidates, sensor)
-    number = accumulator.best([evaluation.worth_m2 for evaluation in seen])
+    unknown = targets.worth_m2[targets.is_unknown].sum()
+    is_known = unknown < targets.worth_m2.sum() / 2
+    number = plan_ahead(
+        accumulator,
+        worth=[evaluation.worth_m2 for evaluation in seen],
+        share=[evaluation.share for evaluation in seen],
+        target=[2 * evaluation.voxel + evaluation.is_unknown for evaluation in seen],
+        n_views=gain.views_ahead if is_known else 1,
+    )
     if number is None:
         return None
     # the gain of that pose by all targets
@@ -249,7 +268,7 @@ def seen_from(
     boundary: RayCaster,
     required_cosine: float,
     sensor: Sensor,
-    expected: Callable[[FloatArray, float], ViewEvaluation] | None,
+    expected: Callable[[FloatArray, FloatArray, float], FloatArray] | None,
 ) -> ViewEvaluation:
     """Return what a position (3,) sees in any direction, and what each is worth from there."""
     floor = np.where(targets.is_unknown, FLATTEST, required_cosine)
@@ -263,6 +282,14 @@ def seen_from(
         origins = np.broadcast_to(position, (len(index), 3))
         index = index[~boundary.are_blocked(targets.points[index], origins)]
     unknown = targets.is_unknown[index]
-    worth = targets.worth_m2[index] * np.where(unknown, slope[index] / distance[index], 1.0)
-    seen = ViewEvaluation(-towards[index], worth, targets.voxel[index], unknown)
-    return seen if expected is None else expected(position, sensor.max_range_m).join(seen)
+    share = np.where(unknown, slope[index] / distance[index], 1.0)
+    worth = targets.worth_m2[index] * share
+    if expected is not None:
+        worth[unknown] *= expected(position, -towards[index[unknown]], sensor.max_range_m)
+    return ViewEvaluation(
+        offsets=-towards[index],
+        worth_m2=worth,
+        voxel=targets.voxel[index],
+        is_unknown=unknown,
+        share=share,
+    )

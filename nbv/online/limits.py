@@ -13,6 +13,11 @@ import numpy as np
 SURE_SD = 3.0
 """Standard deviations of the range by which a voxel must lie off it to be before or behind it: 3 of 1,000 by
 chance."""
+NEAR_VOXELS = 2.0
+"""Sides of a voxel within which distances along a beam are kept: the surface runs between two of them."""
+MOST_VIEW_PIXELS = 1_000_000
+"""Pixels kept of a scan to tell how well places were measured, 20 bytes each; never finer than half a voxel.
+By choice: memory."""
 FEWEST_VOTES = -2
 """Least votes of a voxel that beams went through, so that two scans that end in it outweigh all that went
 through it before."""

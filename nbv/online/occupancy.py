@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from nbv.online.limits import FEWEST_VOTES, SURE_SD
-from nbv.online.voxels import Surfels, VoxelGrid
+from nbv.online.limits import FEWEST_VOTES, MOST_VIEW_PIXELS, NEAR_VOXELS, SURE_SD
+from nbv.online.voxels import ImageNormals, Surfels, VoxelGrid, image_normals
 from nbv.scanning.sensor import Sensor
 from scenes.checks import BoolArray, FloatArray, frozen_copy
 from scenes.scan.range_image import RangeImage
@@ -52,6 +52,54 @@ class BoundaryFaces:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class NearSurface:
+    """Distances of voxel centres from the surface, along the beams that met it near them, over all scans.
+
+    `sums` (n_voxels,) are of the distances, metres, positive before the surface, `counts` (n_voxels,) the
+    number of scans they come from.
+    """
+
+    sums: NDArray[np.float32]
+    counts: NDArray[np.int16]
+
+    @classmethod
+    def none(cls, n_voxels: int) -> NearSurface:
+        """Return the distances before any scan."""
+        return cls(np.zeros(n_voxels, np.float32), np.zeros(n_voxels, np.int16))
+
+    def after(self, voxel: NDArray[np.int64], distance: FloatArray, reach_m: float) -> NearSurface:
+        """Return them after a scan whose beams ended `distance` (n,) beyond the voxels; NaN for nowhere."""
+        near = np.abs(distance) <= reach_m
+        sums, counts = self.sums.copy(), self.counts.copy()
+        sums[voxel[near]] += distance[near].astype(np.float32)
+        counts[voxel[near]] += 1
+        return NearSurface(sums, counts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthView:
+    """A scan, and the normals (rows, columns, 3) of what its pixels see, NaN where unknown.
+
+    They are means over what lies in the same voxel and leans to the same side: noise does not turn them.
+    """
+
+    scan: RangeImage
+    normals: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, scan: RangeImage, local: ImageNormals, surfels: Surfels, grid: VoxelGrid) -> DepthView:
+        """Return the view of a scan with its image of normals and its surfels, as fine as half a voxel."""
+        voxel = grid.index_of(local.points.reshape(-1, 3))
+        normals = surfels.normals_at(voxel, local.normals.reshape(-1, 3)).reshape(local.normals.shape)
+        reach = scan.ranges[scan.valid]
+        spacing = float(np.median(reach)) * scan.projection.pixel_angle if len(reach) else grid.voxel_m
+        finest = int(np.ceil(np.sqrt(scan.ranges.size / MOST_VIEW_PIXELS)))
+        step = max(int(grid.voxel_m / 2 / spacing), finest, 1)
+        few = scan.thin(-(-scan.ranges.size // step**2))
+        return cls(few, normals[::step, ::step].astype(np.float32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class VoxelMap:
     """What is known of a volume.
 
@@ -70,6 +118,10 @@ class VoxelMap:
         building).
     stood : (s, 3) float
         Where the scanners stood, metres.
+    near : NearSurface
+        How far the voxels near surface lie off it.
+    views : tuple of DepthView
+        What the scans, thinned, say of each place of the surface.
     """
 
     grid: VoxelGrid
@@ -78,6 +130,8 @@ class VoxelMap:
     votes: NDArray[np.int16]
     outside_is_empty: bool = False
     stood: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    near: NearSurface = field(default_factory=lambda: NearSurface.none(0))
+    views: tuple[DepthView, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", frozen_copy(self.labels, np.int8))
@@ -91,7 +145,8 @@ class VoxelMap:
         """Return the map of a volume (2, 3), metres, of which nothing is known."""
         grid = VoxelGrid.around(volume, voxel_m)
         labels, votes = np.full(grid.n_voxels, UNSEEN, np.int8), np.zeros(grid.n_voxels, np.int16)
-        return cls(grid, labels, Surfels.none(), votes, outside_is_empty)
+        near = NearSurface.none(grid.n_voxels)
+        return cls(grid, labels, Surfels.none(), votes, outside_is_empty, near=near)
 
     def integrate(self, scan: RangeImage, sensor: Sensor | None) -> VoxelMap:
         """Return the map after one more scan.
@@ -110,8 +165,10 @@ class VoxelMap:
             What took it: its aperture tells pixels without return from pixels that never looked. None where
             that is not known: then a pixel without return says nothing.
         """
-        surfels = self.surfels.merge(Surfels.of_scan(scan, self.grid))
-        behind, before = self._sides_of(scan, sensor)
+        local = image_normals(scan, self.grid.voxel_m / 2)
+        seen = Surfels.of_image(local, self.grid)
+        surfels = self.surfels.merge(seen)
+        behind, before, near = self._sides_of(scan, sensor)
         hit = np.unique(self.grid.index_of(scan.points()[scan.valid]))
         hit = hit[hit >= 0]
         votes = self._count_votes(hit, before)
@@ -121,7 +178,10 @@ class VoxelMap:
         labels[hit] = SEEN
         labels[_strays(labels, votes, surfels)] = EMPTY
         stood = np.vstack([self.stood, scan.origin])
-        return replace(self, labels=labels, surfels=surfels, votes=votes, stood=stood)._with_occplane()
+        views = (*self.views, DepthView.of(scan, local, seen, self.grid))
+        return replace(
+            self, labels=labels, surfels=surfels, votes=votes, stood=stood, near=near, views=views
+        )._with_occplane()
 
     def with_scan(self, scan: RangeImage, sensor: Sensor | None, clearance_m: float) -> VoxelMap:
         """Return the map after one more scan; within a room, the place where the sensor stands is free too.
@@ -207,8 +267,8 @@ class VoxelMap:
 
     def _sides_of(
         self, scan: RangeImage, sensor: Sensor | None
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the voxels behind what the scan has met, and those before it."""
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NearSurface]:
+        """Return the voxels behind what the scan has met, those before it, and the distances near it."""
         local = self.grid.centres_in(scan.world_from_sensor.inverse())
         looked = np.arange(len(local)) if sensor is None else np.flatnonzero(sensor.sees(local))
         local = local[looked]
@@ -219,11 +279,13 @@ class VoxelMap:
         rows, columns = scan.shape
         measured = scan.ranges[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
         distance = np.linalg.norm(local, axis=1)
-        margin = _HALF_DIAGONAL * self.grid.voxel_m + SURE_SD * (scan.sigma_m or 0.0)
+        noise = SURE_SD * (scan.sigma_m or 0.0)
+        margin = _HALF_DIAGONAL * self.grid.voxel_m + noise
         nothing_to = -np.inf if sensor is None else sensor.max_range_m
         reach = np.where(np.isfinite(measured), measured, nothing_to)
         behind = np.isfinite(measured) & (distance > measured + margin)
-        return looked[behind], looked[distance < reach - margin]
+        near = self.near.after(looked, measured - distance, NEAR_VOXELS * self.grid.voxel_m + noise)
+        return looked[behind], looked[distance < reach - margin], near
 
     def _padded_empty(self) -> BoolArray:
         empty = (self.labels == EMPTY).reshape(self.grid.shape)

@@ -28,7 +28,9 @@ from nbv.online.exploration import Exploration, Step
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
 from nbv.online.gain import BestView, best_view
 from nbv.online.limits import RENEWED
+from nbv.online.literature import CRITERIA, choose_views
 from nbv.online.occupancy import VoxelMap
+from nbv.online.possible_solid import PossibleSurface
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
@@ -37,7 +39,6 @@ from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
-from scenes.rays.raycast import RayCaster
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 
@@ -66,11 +67,13 @@ class PlannerOptions:
     zones : Zones
         Only what lies in the region is worth seeing (anything, until known space reaches it), and no station
         lies in what is to be kept out of.
+    criterion : str
+        What a view is chosen by: "gain", or one of the literature (`nbv.online.literature.CRITERIA`).
 
     Raises
     ------
     InputError
-        A negative clearance or epsilon, no views.
+        A negative clearance or epsilon, no views, another criterion.
     """
 
     voxel_m: float | None = None
@@ -80,8 +83,11 @@ class PlannerOptions:
     max_views: int = 200
     gain: GainOptions = field(default_factory=GainOptions)
     zones: Zones = EVERYWHERE
+    criterion: str = "gain"
 
     def __post_init__(self) -> None:
+        if self.criterion not in ("gain", *CRITERIA):
+            raise InputError(f"criterion must be one of gain, {', '.join(CRITERIA)}, got {self.criterion!r}")
         if self.clearance_m < 0 or (self.epsilon_m2 or 0.0) < 0:
             raise InputError(
                 f"clearance and epsilon must not be negative, got {self.clearance_m}, {self.epsilon_m2}"
@@ -120,16 +126,20 @@ class PlannerState:
     def after_choice(self, chosen: BestView, times: int = 1) -> PlannerState:
         """Return the state in which `chosen` has tried `times` more to settle what it sees."""
         attempts = self.attempts.copy()
-        np.add.at(attempts, (chosen.sees.is_unknown.astype(np.int64), chosen.sees.voxel), times)
+        attempts[chosen.sees.is_unknown.astype(np.int64), chosen.sees.voxel] += times  # once a voxel
         return replace(self, attempts=attempts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """The next view, or the reason why no further view pays: exactly one of the two."""
+    """The next view, or the reason why no further view pays: exactly one of the two.
+
+    `then` are the views that follow it without a further decision; None to decide anew after its scan.
+    """
 
     view: BestView | None = None
     reason: str | None = None
+    then: tuple[BestView, ...] | None = None
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -182,6 +192,7 @@ class Explorer:
         scans, n_completed, begun_at = list(self.given), 0, list(self.further_starts)
         spots = None if self.spot_of is None else self.spot_of(self.candidates.positions)
         poses, expected = ([], None) if self.start is None else ([self.start], None)
+        following: tuple[BestView, ...] | None = None
         while True:
             # Scan from the last view, and learn from the scan.
             if poses:
@@ -215,8 +226,11 @@ class Explorer:
                 next_view, state, left, poses[-1] if poses else self.given[-1].world_from_sensor,
                 sensor=self.sensor, requirement=self.requirement, options=options, n_threads=self.n_threads,
             )  # fmt: skip
-            decision = self.journal.step(f"view-{len(poses) + 1:04d}", decide)
-            chosen = decision.view
+            if following is None:
+                decision = self.journal.step(f"view-{len(poses) + 1:04d}", decide)
+            else:
+                decision = _next_of(following)
+            chosen, following = decision.view, decision.then
             if chosen is None:
                 begun_at = _unknown_starts(begun_at, state.voxels, options)
                 if not begun_at:
@@ -328,6 +342,13 @@ def explore(
     return explorer.exploration
 
 
+def _next_of(following: tuple[BestView, ...]) -> Decision:
+    """Return the next of the views that were planned at once."""
+    if not following:
+        return Decision(reason="all views that were planned at once are taken")
+    return Decision(view=following[0], then=following[1:])
+
+
 def _unknown_starts(starts: list[Pose], voxels: VoxelMap, options: PlannerOptions) -> list[Pose]:
     """Return the starts at which no scan shows yet that one can stand."""
     places = np.array([start.translation for start in starts]).reshape(-1, 3)
@@ -350,11 +371,11 @@ def next_view(
     The sensor, which scans next, stands `here` now; of the requirement its incidence counts. The result does
     not depend on the number of threads.
     """
-    # What is worth seeing: unknown faces and badly seen surface in the region of interest.
+    # What is worth seeing: of the surface of what is possible, the unknown and the badly seen, in the region.
     voxels, gain = state.voxels, options.gain
-    faces, wanted = voxels.boundary(), voxels_of_interest(voxels, options.zones)
+    surface, wanted = PossibleSurface.of(voxels), voxels_of_interest(voxels, options.zones)
     targets = find_targets(
-        voxels, faces, required_cosine=requirement.min_cosine, attempts=state.attempts, options=gain,
+        voxels, surface, required_cosine=requirement.min_cosine, attempts=state.attempts, options=gain,
         completed=state.completed,
     )  # fmt: skip
     targets = targets.some(wanted[targets.voxel])
@@ -368,17 +389,27 @@ def next_view(
     if not free.n_poses:
         return Decision(reason=_NOTHING_IN_SIGHT)
 
+    # What a criterion of the literature would take.
+    if options.criterion != "gain":
+        views = choose_views(
+            options.criterion, voxels, free, here, sensor=sensor,
+            counts=wanted & (state.attempts < gain.max_attempts), least_m2=_epsilon_m2(options, voxels),
+            n_threads=n_threads,
+        )  # fmt: skip
+        if not views:
+            return Decision(reason=_NOTHING_IN_SIGHT)
+        return Decision(view=views[0], then=views[1:] if options.criterion == "set-cover" else None)
+
     # What views into unknown space are expected to bring, where completion says what lies around it.
-    boundary, expected = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1), None
+    expected = None
     if state.completed is not None:
-        sought = wanted & (state.attempts[1] < gain.max_attempts)
-        space, prior = UnknownSpace.of(voxels, state.completed), state.prior or SurfacePrior.none()
-        expected = ExpectedGain(space, prior, wanted, sought)
+        space = UnknownSpace.of(voxels, state.completed)
+        expected = ExpectedGain(space, state.prior or SurfacePrior.none(), wanted)
 
     # The best of all candidates, if it is worth a scan.
     best = best_view(
-        boundary, targets, free, sensor=sensor, required_cosine=wanted_cosine(requirement, gain),
-        expected=None if expected is None else expected.look, n_most=gain.max_targets, n_threads=n_threads,
+        surface.ray_caster(), targets, free, sensor=sensor, required_cosine=wanted_cosine(requirement, gain),
+        expected=None if expected is None else expected.chance_behind, gain=gain, n_threads=n_threads,
     )  # fmt: skip
     if best is None:
         return Decision(reason=_NOTHING_IN_SIGHT)

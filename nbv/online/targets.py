@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.surface_classes import KnownSurfaces
-from nbv.online.occupancy import EMPTY, OCCPLANE, SEEN, UNSEEN, BoundaryFaces, VoxelMap
+from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
+from nbv.online.possible_solid import PossibleSurface
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError
 
@@ -32,6 +33,8 @@ class GainOptions:
         A target no longer counts after this many views that should have settled it.
     max_targets : int
         Candidates are compared by at most so many targets; above, every k-th stands for its neighbours.
+    views_ahead : int
+        So many views are planned together, of which the first is taken; 1 takes the largest gain each time.
 
     Raises
     ------
@@ -45,6 +48,7 @@ class GainOptions:
     angle_margin_deg: float = 2.0
     max_attempts: int = 2
     max_targets: int = 2000
+    views_ahead: int = 3
 
     def __post_init__(self) -> None:
         least = min(self.occplane_weight, self.quality_weight, self.modelled_weight, self.angle_margin_deg)
@@ -52,8 +56,8 @@ class GainOptions:
             raise InputError(f"weights and margin of the gain must not be negative, got {self}")
         if self.occplane_weight == 0 and self.quality_weight == 0:
             raise InputError("with both weights 0 no view has any gain; give one a positive weight")
-        if min(self.max_attempts, self.max_targets) < 1:
-            raise InputError(f"max_attempts and max_targets must be at least 1, got {self}")
+        if min(self.max_attempts, self.max_targets, self.views_ahead) < 1:
+            raise InputError(f"max_attempts, max_targets and views_ahead must be at least 1, got {self}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,39 +93,32 @@ class Targets:
 
 def find_targets(
     voxels: VoxelMap,
-    faces: BoundaryFaces,
+    surface: PossibleSurface,
     *,
     required_cosine: float,
     attempts: NDArray[np.int32],
     options: GainOptions,
     completed: KnownSurfaces | None = None,
 ) -> Targets:
-    """List unknown faces of the map's boundary and surface that was seen worse than required.
+    """List what nobody has seen of the surface of what is possible, and what was seen worse than required.
 
-    Surfels of lower quality than `required_cosine` are targets. `attempts` (2, n_voxels) count the views that
-    should have settled a voxel's badly seen surface (0) and unknown faces (1). Badly seen surface that
-    `completed` models is worth little.
+    `attempts` (2, n_voxels) count the views that should have settled a voxel's badly seen surface (0) and
+    unknown surface (1). Badly seen surface that `completed` models is worth little.
     """
-    side = voxels.grid.voxel_m
-    label = voxels.labels[faces.voxel]
-    unknown = ((label == OCCPLANE) | (label == UNSEEN)) & (attempts[1, faces.voxel] < options.max_attempts)
-    surfels = voxels.surfels
-    poor = (surfels.quality < required_cosine) & (attempts[0, surfels.voxels] < options.max_attempts)
-    worse = np.full(len(surfels.keys), options.quality_weight)
+    side, unknown = voxels.grid.voxel_m, surface.is_unknown
+    tried = attempts[unknown.astype(np.int64), surface.voxel] < options.max_attempts
+    kept = np.flatnonzero((surface.cosine < required_cosine) & (surface.voxel >= 0) & tried)
+    unknown, normals = unknown[kept], surface.normals[kept]
+    weight = np.where(unknown, options.occplane_weight, options.quality_weight)
     if completed is not None:
-        known = completed.on_modelled(surfels.points, surfels.normals, side / 2)
-        worse[known] *= options.modelled_weight
-    before_faces = faces.centres[unknown] + faces.outward[unknown] * (side / 2)
-    before_surface = _lift_to_empty(voxels, surfels.points[poor], surfels.normals[poor])
-    slope = voxels.towards_empty(faces.voxel[unknown])
-    flatter = np.maximum(np.einsum("ij,ij->i", slope, faces.outward[unknown]), 0.0)
-    worth = [options.occplane_weight * side**2 * flatter, worse[poor] * surfels.areas[poor]]
+        known = completed.on_modelled(surface.centres[kept], normals, side / 2)
+        weight[known & ~unknown] *= options.modelled_weight
     targets = Targets(
-        points=np.concatenate([before_faces, before_surface]),
-        normals=np.concatenate([slope, surfels.normals[poor]]),
-        worth_m2=np.concatenate(worth),
-        voxel=np.concatenate([faces.voxel[unknown], surfels.voxels[poor]]),
-        is_unknown=np.repeat([True, False], [len(before_faces), len(before_surface)]),
+        points=surface.centres[kept] + normals * (side / 2),
+        normals=normals,
+        worth_m2=weight * surface.areas[kept],
+        voxel=surface.voxel[kept],
+        is_unknown=unknown,
     )
     return targets.some(targets.worth_m2 > 0)
 
@@ -135,14 +132,3 @@ def voxels_of_interest(voxels: VoxelMap, zones: Zones) -> BoolArray:
     if not zones.region.holds(voxels.grid.centres(known)).any():
         return everywhere
     return zones.of_interest(voxels.grid.centres(), voxels.grid.voxel_m)
-
-
-def _lift_to_empty(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Move surface points along their normals until they lie in an empty voxel, by one to two voxels."""
-    lifted = points + normals * voxels.grid.voxel_m * 2
-    for sides in (1.75, 1.5, 1.25, 1.0):
-        nearer = points + normals * voxels.grid.voxel_m * sides
-        cell = voxels.grid.index_of(nearer)
-        free = np.where(cell >= 0, voxels.labels[cell] == EMPTY, voxels.outside_is_empty)
-        lifted[free] = nearer[free]
-    return lifted

@@ -322,9 +322,8 @@ class Surfels:
         return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
     @classmethod
-    def of_scan(cls, scan: RangeImage, grid: VoxelGrid) -> Surfels:
+    def of_image(cls, local: ImageNormals, grid: VoxelGrid) -> Surfels:
         """Return what one scan has seen; samples without a normal leave none."""
-        local = image_normals(scan, grid.voxel_m / 2)
         points = local.points.reshape(-1, 3)
         voxel = grid.index_of(points)
         usable = (voxel >= 0) & (local.cosine.ravel() >= FLATTEST)
@@ -347,6 +346,16 @@ class Surfels:
     def sides(self) -> NDArray[np.int64]:
         """Axis direction (n,) that each normal leans to: 0..5 for +x, +y, +z, -x, -y, -z."""
         return self.keys % _SIDES
+
+    def normals_at(self, voxel: NDArray[np.int64], normals: FloatArray) -> FloatArray:
+        """Return the normals (n, 3) of the surfels of `normals` (n, 3) in `voxel` (n,); NaN where none is."""
+        known = np.flatnonzero((voxel >= 0) & np.isfinite(normals).all(axis=1))
+        keys = voxel[known] * _SIDES + sides_of(normals[known])
+        at = np.searchsorted(self.keys, keys)
+        held = np.append(self.keys, -1)[at] == keys
+        found = np.full(normals.shape, np.nan)
+        found[known[held]] = self.normals[at[held]]
+        return found
 
     def merge(self, other: Surfels) -> Surfels:
         """Return the union, each surfel from the side that saw it better."""

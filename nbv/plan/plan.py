@@ -328,7 +328,7 @@ def cost_sentences(plan: Plan) -> list[str]:
     if len(plan.lost_if_blocked) > 1:
         worst = int(np.argmax(plan.lost_if_blocked))
         lost = percent(plan.lost_if_blocked[worst])
-        said.append(f"of all stations, view {worst + 1} is missed most if blocked: {lost} % of the area")
+        said.append(f"view {worst + 1} is missed most if it cannot be taken: {lost} % of the area")
     if plan.most_in_time is not None:
         most = percent(plan.most_in_time)
         said.append(

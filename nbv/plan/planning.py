@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, cast, get_args
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from nbv.plan.offline_plan import (
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem, PlanningRun, RemoteVisibility
 from nbv.plan.site_time import USUAL_PACE, SitePace
+from nbv.run.plan_options import ONLINE_METHODS, Method
 from nbv.scanning.sensor import Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.candidates import (
@@ -77,6 +78,7 @@ def plan_online(
     elif not problem.scans:
         start = problem.candidates.pose(int(rng.integers(problem.candidates.n_poses)))
     run = PlanningRun.begin(problem)
+    method = "nbv" if options.criterion == "gain" else f"online:{options.criterion}"
     further = _further_starts(problem, start, rng)
     scans = list(problem.scans)
 
@@ -106,7 +108,7 @@ def plan_online(
     )
     if problem.infer and run.shares[-1].views < len(run.views):
         run.complete(scans)
-    return run.plan("nbv", exploration.stopped_because, stations=run.stations(in_order=True))
+    return run.plan(method, exploration.stopped_because, stations=run.stations(in_order=True))
 
 
 def _further_starts(problem: PlanningProblem, start: Pose | None, rng: np.random.Generator) -> list[Pose]:
@@ -183,9 +185,6 @@ def _unmet_m2(run: PlanningRun) -> FloatArray:
     return np.asarray(run.problem.samples.areas * ~run.tally.met)
 
 
-Method = Literal[
-    "nbv", "cover", "greedy", "visibility", "farthest", "random", "rule:grid5m", "rule:rooms-and-doorways"
-]
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
@@ -221,10 +220,10 @@ def plan_views(
 ) -> Plan:
     """Plan views of a scene.
 
-    "nbv" explores: the planner sees simulated scans alone. Coverage is measured on the true scene after
-    every scan, and the plan ends when the target is met there, or when the planner itself finds that no
-    view pays. "cover" knows the scene and chooses from the candidates' visibility of the samples. Their
-    view counts answer different questions.
+    "nbv" explores: the planner sees simulated scans alone; so does "online:NAME", by a criterion of the
+    literature. Coverage is measured on the true scene after every scan, and the plan ends when the target is
+    met there, or when the planner itself finds that no view pays. "cover" knows the scene and chooses from
+    the candidates' visibility of the samples. Their view counts answer different questions.
 
     Parameters
     ----------
@@ -232,9 +231,10 @@ def plan_views(
         The true scene, or the mesh file or mesh that it is made of (`open_scene`, `Scene.from_mesh`).
     sensor : Sensor, optional
         "generic60" when not given.
-    method : "nbv", "cover", "greedy", "visibility", "farthest", "random", "rule:grid5m" or \
+    method : "nbv", "cover", "online:NAME", "greedy", "visibility", "farthest", "random", "rule:grid5m" or \
 "rule:rooms-and-doorways"
-        Which planner; all but the first two are baselines (`nbv.plan.offline_plan`).
+        Which planner; all but the first two are baselines (`nbv.online.literature`, `nbv.plan.offline_plan`).
+        NAME: frontier, entropy, rear-side, proximity, surface-edge or set-cover.
     max_incidence_deg, max_range_m : float
         What counts as measured: incidence in degrees, 60 when nothing is said; range in metres.
     requirement : Requirement, optional
@@ -261,7 +261,7 @@ def plan_views(
         Noise model of the simulated scans, and what a largest standard deviation reckons with; of a sensor
         with errors of its own "none" leaves the latter.
     options : PlannerOptions, optional
-        For "nbv".
+        For "nbv"; "online:NAME" replaces their criterion.
     budgets : CoverOptions, optional
         For "cover".
     overlap : OverlapOptions, optional
@@ -307,13 +307,15 @@ def plan_views(
     mode = mode or scene.mode
     _check_places(candidates, samples, site, mode)
     options = options or PlannerOptions()
+    if method.startswith("online:"):
+        options = replace(options, criterion=method.removeprefix("online:"))
     zones = _resolve_zones(zones, options.zones)
     # Where the sensor may stand
     sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
     if candidates is not None:
         standing = Standing(candidates, candidates, None)
     elif standing is None:
-        standing = find_standing(scene, sensor, site, mode=mode, subdivisions=2 if method == "nbv" else 1)
+        standing = find_standing(scene, sensor, site, mode=mode, subdivisions=1 + (method in ONLINE_METHODS))
     # What counts as measured, and the samples that coverage is measured on
     requirement = _resolve_requirement(requirement, max_incidence_deg, max_range_m)
     if requirement.max_sd_m is not None and noise != "none":
@@ -374,12 +376,12 @@ def _check_request(
         )
     if views is not None and views < 1:
         raise InputError(f"views must be at least 1, got {views}")
-    if infer and method in BASELINES:
+    if infer and method not in ("nbv", "cover"):
         raise InputError(f"completion can stand in for views of method nbv or cover, not of {method}")
     if overlap is not None and method != "cover":
         raise InputError(f"overlap is asked of plans of a known scene: method cover, not {method}")
-    if remote is not None and method == "nbv":
-        raise InputError("workers cast for planners that know the scene: they do not serve method nbv")
+    if remote is not None and method in ONLINE_METHODS:
+        raise InputError(f"workers cast for planners that know the scene: they do not serve method {method}")
     if infer and overlap is not None:
         raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):

@@ -38,7 +38,7 @@ def check_page(checked: CheckedDesign, title: str, *, n_threads: int | None = No
     following = checked.next_stations
     views = () if following is None else following.plan.views
     poses = [view.world_from_sensor for view in views]
-    markers = view_markers(poses, [view.sensor.projection for view in views])
+    markers = view_markers(poses, [view.sensor for view in views])
     plans = tuple(
         verdict_plans(check, shown, [(str(k), pose.translation) for k, pose in enumerate(poses, 1)])
     )

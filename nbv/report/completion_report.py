@@ -88,7 +88,7 @@ def _dimension_row(dimension: Dimension, word: Advice) -> tuple[Cell, ...]:
         Cell(" ".join(map(str, dimension.surfaces)), swatch=surface_colour(dimension.surfaces[0])),
         Cell(f"{numbers[0]} {_UNITS[dimension.unit]}"),
         *(Cell(number) for number in numbers[1:]),
-        Cell(f"{100 * dimension.measured_share:.0f} %", share=dimension.measured_share),
+        Cell(f"{100 * dimension.measured_share:.0f} %", share=dimension.measured_share, state="measured"),
         Cell(word, state=_STATES[word]),
     )
 

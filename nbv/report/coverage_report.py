@@ -40,12 +40,18 @@ from nbv.report.blocks.page import (
 from nbv.report.blocks.room_tables import rooms_section, rules_section, set_apart, storey_plans
 from nbv.report.figures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.figures.surface_values import StateMarks, state_pictures
-from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
+from nbv.report.viewer.markers import (
+    Look,
+    given_markers,
+    opening_lines,
+    tour_lines,
+    view_markers,
+    zone_lines,
+)
 from nbv.report.viewer.scene_view import PALE, scene_view
 from nbv.run.wording import count, percent_within, square_metres
 from nbv.scanning.sensor import Sensor, View
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.scan.projection import Projection
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
@@ -73,7 +79,7 @@ def plan_page(
     tour = plan.stations.tour if plan.stations else None
     poses = [view.world_from_sensor for view in plan.views]
     if len(plan.rooms) > 1:
-        where = [sheet.picture() for sheet in storey_plans(scene, plan)]
+        where = [sheet.picture() for sheet in storey_plans(scene, plan, by_views=True)]
     else:
         where = [stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)]
     view = _plan_view(
@@ -113,14 +119,14 @@ def _plan_view(
     seen = coverage.history or visibility_history(
         scene.ray_caster(n_threads), coverage.samples, plan.requirement, plan.views, scans
     )
-    projection, before = plan.sensor.projection, plan.resumed_from.poses if plan.resumed_from else ()
-    given = [scan.projection for scan in scans] or [projection] * len(before)
+    before = plan.resumed_from.poses if plan.resumed_from else ()
+    given = looks_of(scans) or [plan.sensor] * len(before)
     poses = [view.world_from_sensor for view in plan.views]
     return scene_view(
         scene,
         coverage,
         seen,
-        markers=(*given_markers(before, given), *view_markers(poses, [projection] * len(poses))),
+        markers=(*given_markers(before, given), *view_markers(poses, looks_of(plan.views))),
         lines=(
             *opening_lines([opening.outline for opening in scene.openings]),
             *tour_lines(plan.stations.tour if plan.stations else None),
@@ -172,23 +178,23 @@ def coverage_page(
 
     By `sensor` was reckoned what is reachable; the page does not depend on the number of threads.
     """
-    requirement = coverage.requirement
+    requirement, noun = coverage.requirement, noun_of(given)
     summary = (
-        f"{count(len(given), 'station measures', 'stations measure')} "
+        f"{count(len(given), f'{noun} measures', f'{noun}s measure')} "
         f"{percent_within(coverage.met, coverage.standard_errors()['met'])} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
     poses = [station.world_from_sensor for station in given]
     blocks: tuple[Block, ...] = (Text("None."),)
     if poses:
-        where = stations(scene, poses, sensor, projections=projections_of(given))
+        where = stations(scene, poses, sensor, looks=looks_of(given))
         plots = Gallery((curve(seen.met[1:], coverage, None, None), where), 2)
-        blocks = plots, stations_table(poses, seen.met, coverage.total_m2)
+        blocks = plots, stations_table(poses, seen.met, coverage.total_m2, what=noun.capitalize())
     view = scene_view(
         scene,
         coverage,
         seen,
-        markers=view_markers(poses, projections_of(given)),
+        markers=view_markers(poses, looks_of(given)),
         lines=opening_lines([opening.outline for opening in scene.openings]),
         pictures=overview_pictures(scene, coverage, n_threads),
     )
@@ -196,11 +202,11 @@ def coverage_page(
         title=scene.name,
         kicker="Coverage report",
         summary=summary,
-        headlines=(Headline(str(len(given)), "", "stations"), *coverage_headlines(coverage)),
+        headlines=(Headline(str(len(given)), "", f"{noun}s"), *coverage_headlines(coverage)),
         bar=coverage_bar(coverage),
         sections=(
             PageSection("Where the surface is measured", (view, Text(_NOTE, is_note=True))),
-            PageSection("Stations", blocks),
+            PageSection(f"{noun.capitalize()}s", blocks),
             PageSection("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
             PageSection("Surface by surface", (surfaces_table(coverage),)),
         ),
@@ -208,9 +214,17 @@ def coverage_page(
     )
 
 
-def projections_of(given: Sequence[View] | Sequence[RangeImage]) -> list[Projection]:
-    """The geometry of the pixels of each station."""
-    return [image.projection if isinstance(image, RangeImage) else image.sensor.projection for image in given]
+def noun_of(given: Sequence[View] | Sequence[RangeImage]) -> str:
+    """Return what to call these: several views of a sensor that does not look around may share a station."""
+    if any(isinstance(image, RangeImage) for image in given):
+        return "scan"
+    looks_around = all(isinstance(image, View) and image.sensor.kind == "spherical" for image in given)
+    return "station" if looks_around else "view"
+
+
+def looks_of(given: Sequence[View] | Sequence[RangeImage]) -> list[Look]:
+    """What tells the field of view of each station."""
+    return [image.projection if isinstance(image, RangeImage) else image.sensor for image in given]
 
 
 def _rest(coverage: Coverage) -> str:

@@ -137,7 +137,7 @@ def demo_page(
     seen = coverage.history or visibility_history(
         scene.ray_caster(n_threads), coverage.samples, plan.requirement, plan.views
     )
-    markers = view_markers(poses, [plan.sensor.projection] * len(poses), colours_of_views(len(poses), chosen))
+    markers = view_markers(poses, [plan.sensor] * len(poses), colours_of_views(len(poses), chosen))
     return Page(
         title="A room with two occluders",
         kicker="Scan what can be scanned, infer what cannot",

@@ -31,6 +31,7 @@ def scan_study_page(
     plots = {f"error-by-{by.split('_')[0]}": _error_plot(results, by) for by in _DRAWN}
     failed = [result for result in results if result.row["error"]]
     completed = _completed_section(results) if spec.complete else ()
+    registered = _registered_section(results) if spec.register_scans else ()
     page = Page(
         title=spec.title or spec.name or fallback_title,
         kicker="Study of scans",
@@ -41,6 +42,7 @@ def scan_study_page(
             PageSection("Errors across the surface", (_gallery(plots), *_error_notes())),
             PageSection("Sets of scans", (_sets_table(results), Text(_SET_NOTE, is_note=True))),
             *completed,
+            *registered,
             PageSection("Every scan", (_scans_table(results),)),
         ),
         warnings=tuple(f"{result.row['set']}: {result.row['error']}" for result in failed),
@@ -172,6 +174,27 @@ def _completed_section(results: Sequence[SetResult]) -> tuple[PageSection, ...]:
     )
     table = drop_constant_columns(columns, rows, n_fixed=5)
     return (PageSection("Completed", (table, Text(note, is_note=True))),)
+
+
+def _registered_section(results: Sequence[SetResult]) -> tuple[PageSection, ...]:
+    """How many scans of each set registration placed, and how far off their poses are."""
+    each = {result.found.scans.name: result for result in results}.values()
+    rows = [
+        [
+            *(Cell(str(result.row[name])) for name in ("scene", "sensor", "poses", "seed")),
+            Cell(f"{result.row['placed'] or 0} of {result.row['scans']}"),
+            Cell(millimetres(result.row["pose_shift_m"])),
+            Cell("" if (turn := result.row["pose_turn_deg"]) is None else f"{turn:.3f}"),
+        ]
+        for result in each
+    ]
+    columns = ("Scene", "Sensor", "Poses", "#Seed", "#Scans placed", "#shift, mm", "#turn, \u00b0")
+    note = (
+        "How far the poses that registration found lie from the true ones, beside the first scan of their "
+        "group; root mean squares. It starts from the poses that the scans are said to have, and from none."
+    )
+    table = drop_constant_columns(columns, rows, n_fixed=4)
+    return (PageSection("Registered", (table, Text(note, is_note=True))),)
 
 
 def _scans_table(results: Sequence[SetResult]) -> Table:

@@ -33,25 +33,26 @@ from nbv.report.blocks.page import (
 )
 from nbv.report.blocks.room_tables import record_blocks, rooms_blocks, seen_storey_plans
 from nbv.report.figures.completion_shots import is_single_camera, part_of, solid_bounds
-from nbv.report.figures.drawing import MeshDrawing, mark_hatched, paint_states
+from nbv.report.figures.drawing import MeshDrawing, mark_hatched, mark_modelled, paint_states
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.picture import (
     INFERRED,
     MEASURED,
+    MODELLED,
     UNKNOWN,
     Picture,
     aside_cameras,
     overview_cameras,
     picture_of,
 )
+from nbv.report.viewer.markers import look_of_scan
 from nbv.report.viewer.scan_views import state_view
-from nbv.report.viewer.scene_view import PALE
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.scan_record import ScanRecord
-from nbv.scans.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
+from nbv.scans.state_mesh import FRONTIER, SEEN_WORSE, SHADOW, STATES, StateMesh
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
@@ -59,7 +60,7 @@ from scenes.scan.colour import surface_colour
 
 _WIDTH = 760
 _THICK_M = 0.15  # half the height over which seen voxels are drawn
-_COLOURS = (MEASURED, PALE, INFERRED, UNKNOWN)
+_COLOURS = (MEASURED, MODELLED, INFERRED, UNKNOWN)
 
 
 def area_headlines(coverage: ScanCoverage) -> tuple[Headline, ...]:
@@ -71,7 +72,7 @@ def area_headlines(coverage: ScanCoverage) -> tuple[Headline, ...]:
     states: tuple[State, ...] = ("measured", "unknown", "unreachable")
     return (
         Headline(square_metres(area.met_m2), "m\u00b2", "surface measured as required", states[0]),
-        Headline(square_metres(area.worse_m2), "m\u00b2", "surface measured worse", states[0]),
+        Headline(square_metres(area.worse_m2), "m\u00b2", "surface measured worse", "modelled"),
         *inferred,
         Headline(
             square_metres(unseen.occluded_m2), "m\u00b2", "edge of shadows (boundary, not surface)", states[1]
@@ -87,7 +88,7 @@ def area_bar(coverage: ScanCoverage) -> Bar:
     model = coverage.completion
     parts: list[tuple[str, State, float]] = [
         ("measured as required", "measured", coverage.measured.met_m2),
-        ("measured worse", "unreachable", coverage.measured.worse_m2),
+        ("measured worse", "modelled", coverage.measured.worse_m2),
         ("inferred", "inferred", 0.0 if model is None else model.hypothesised_m2),
     ]
     total = max(sum(area for _, _, area in parts), 1e-12)
@@ -116,7 +117,7 @@ def state_blocks(
     legend = (
         f"Hatched: {STATES[SHADOW]}, behind which nobody knows: faces of voxels between known empty space "
         f"and the unknown, not surface. The {STATES[FRONTIER]}, beyond which no scan has looked, is left "
-        "out at first, and so are faces that look away."
+        f"out at first{', and so are faces that look away' if view.is_room else ''}."
     )
     return view, Text(legend, is_note=True)
 
@@ -138,7 +139,8 @@ def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | No
         hit, shade = layer.hit, canvas.shade(layer)
         vertex_of = np.full(hit.shape, -1, np.int64)
         vertex_of[hit] = mesh.face_surface[layer.face[hit]]
-        image = mark_hatched(paint_states(vertex_of, shade, dict(enumerate(_COLOURS))), vertex_of == SHADOW)
+        image = paint_states(vertex_of, shade, dict(enumerate(_COLOURS)))
+        image = mark_hatched(mark_modelled(image, vertex_of == SEEN_WORSE, shade), vertex_of == SHADOW)
         pictures.append(picture_of(image, f"Measured, inferred, hidden: from {side}."))
     return tuple(pictures)
 
@@ -155,14 +157,14 @@ def stations_plans(scan_map: ScanMap, sensor: Sensor, plan: Plan | None = None) 
     zones = EVERYWHERE if plan is None else plan.zones
     outline, height = _outline(scan_map)
     reach = field_length(scan_map.bounds)
-    projections = [scan.projection for scan in scan_map.scans]
+    looks = [look_of_scan(scan, sensor) for scan in scan_map.scans]
     plot = FloorPlan(
         outline=outline,
         bounds=scan_map.bounds,
         positions=places_of(poses),
-        fields=fields_of(poses, [sensor.projection] * len(poses), reach),
+        fields=fields_of(poses, [sensor] * len(poses), reach),
         given=places_of([scan.world_from_sensor for scan in scan_map.scans]),
-        given_fields=fields_of([scan.world_from_sensor for scan in scan_map.scans], projections, reach),
+        given_fields=fields_of([scan.world_from_sensor for scan in scan_map.scans], looks, reach),
         zones=zones,
     ).plot()
     caption = "Squares with letters: where the scans have been taken."
@@ -237,7 +239,7 @@ def boundary_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
 
 _NO_FLOOR = (
     "No floor was seen below the scanners, so stations are wherever space is known to be free; "
-    "if the scans' world is not z up, say so (--up)."
+    "if another direction is up than was taken, say so (--up)."
 )
 
 
@@ -345,7 +347,8 @@ def scan_coverage_page(
         bar=area_bar(coverage),
         sections=(
             PageSection(
-                "What was measured, and where the unknown begins", state_blocks(coverage, state, n_threads)
+                "What was measured, and where the unknown begins",
+                state_blocks(coverage, state, n_threads, sensor=sensor),
             ),
             PageSection(
                 "Stations",

@@ -16,11 +16,14 @@ from nbv.study.pipeline import Outcome, OutcomeGroup, groups_of
 from nbv.study.spec import StudySpec, common_share
 from scenes.checks import FloatArray
 
-# Okabe and Ito's palette without the two that vanish on white or on black; the dashes tell lines apart
-# where colours do not.
-_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
+# Okabe and Ito's palette without the two that vanish on white or on black, and three more; the dashes tell
+# lines apart where colours do not.
+_COLOURS = (
+    "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#8c6bb1", "#a6761d", "#7f7f7f",
+)  # fmt: skip
 _DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)), (0, (3, 1, 1, 1, 1, 1)), (0, (8, 3)))
 _WIDTH = 5.4
+_LEGEND_CHARACTERS, _SWATCH_CHARACTERS = 115, 7  # that fit over a plot of the views needed, and of a swatch
 
 
 def colour_of(planner: int) -> str:
@@ -49,13 +52,16 @@ def coverage_curves(groups: Sequence[OutcomeGroup], planners: Sequence[str]) -> 
         ]
         if bounds:
             axes.axvline(min(bounds), color=theme.faint, linewidth=1, linestyle=":")
+            right = min(bounds) > 0.5 * axes.get_xlim()[1]
             axes.annotate(
-                f"certified: at least {min(bounds)}", (min(bounds), 3), xytext=(4, 0),
-                textcoords="offset points", color=theme.faint, fontsize=8,
+                f"certified: at least {min(bounds)}", (min(bounds), 3), xytext=(-4 if right else 4, 0),
+                ha="right" if right else "left", textcoords="offset points", color=theme.faint, fontsize=8,
             )  # fmt: skip
         axes.set_xlim(left=0)
         label_views(axes, "measured as required, % of what can be", 103)
-        axes.legend(loc="lower right", frameon=False, fontsize=8)
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8, borderaxespad=0.2
+        )
 
     return drawn_plot(draw, (_WIDTH, 3.9))
 
@@ -88,11 +94,20 @@ def views_needed(groups: Sequence[OutcomeGroup], share: float, planners: Sequenc
         axes.set_xlabel(f"views until {100 * share:g} % of what can be is measured as required")
         axes.grid(visible=False, axis="y")
         handles = [Patch(color=colour_of(k), alpha=0.75, label=name) for k, name in enumerate(planners)]
-        axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=6, frameon=False,
-                    fontsize=8, borderaxespad=0.2)  # fmt: skip
+        axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), frameon=False, fontsize=8,
+                    ncols=_fitting_columns(planners), borderaxespad=0.2)  # fmt: skip
 
     height = 1.2 + len(settings) * (0.25 + 0.19 * len(planners))
     return drawn_plot(draw, (1.5 * _WIDTH, height))
+
+
+def _fitting_columns(names: Sequence[str]) -> int:
+    """Return how many columns of names, at most six, fit side by side in a legend."""
+    for n_columns in range(min(6, len(names)), 1, -1):
+        columns = np.array_split([len(name) + _SWATCH_CHARACTERS for name in names], n_columns)
+        if sum(int(column.max()) for column in columns) <= _LEGEND_CHARACTERS:
+            return n_columns
+    return 1
 
 
 def _distinct_parts(setting: tuple[str, str, str], all_of_them: Sequence[tuple[str, str, str]]) -> list[str]:
@@ -172,7 +187,8 @@ def _summary(groups: Sequence[OutcomeGroup], share: float) -> str:
         views = np.concatenate(view_counts) if view_counts else np.zeros(0)
         if len(views):
             middle = float(np.median(views))
-            parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'never'}")
+            is_known = np.isfinite(middle)
+            parts.append(f"{planner} {f'{middle:g}' if is_known else 'not reached in half of its plans'}")
     if not parts:
         return "No case could be planned."
     return (
@@ -230,9 +246,9 @@ def _views_needed(groups: Sequence[OutcomeGroup], planners: Sequence[str], share
     note = (
         "Medians over the seeds; in brackets the least and the most. Shares are of the area that any "
         'candidate could measure as required. "At least" is certified: no plan for the planner\'s target has '
-        "fewer views. The tour is short; of online plans it is the way from scan to scan, and legs without a "
-        "way are not in it. All planners of a scene and sensor choose from the same poses and are measured "
-        "on the same samples."
+        "fewer views. The tour visits all stations by a short way; of online plans it is the way from scan "
+        "to scan, and legs without a way are not in it. All planners of a scene and sensor choose from the "
+        "same poses and are measured on the same samples."
     )
     return drop_constant_columns(columns, rows, n_fixed=3), Text(note, is_note=True)
 

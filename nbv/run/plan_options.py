@@ -7,9 +7,33 @@ The command line, study files (`nbv.study.spec`) and `nbv.visibility.requirement
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from scenes.run.option import NOT_NEGATIVE, POSITIVE, NumberRange, minutes, option
+
+LiteratureMethod = Literal[
+    "online:frontier",
+    "online:entropy",
+    "online:rear-side",
+    "online:proximity",
+    "online:surface-edge",
+    "online:set-cover",
+]
+"""Online planners by a criterion of the literature (`nbv.online.literature`)."""
+ONLINE_METHODS: tuple[str, ...] = ("nbv", *get_args(LiteratureMethod))
+"""Planners that know the scene by their scans alone."""
+Method = Literal[
+    "nbv",
+    "cover",
+    LiteratureMethod,
+    "greedy",
+    "visibility",
+    "farthest",
+    "random",
+    "rule:grid5m",
+    "rule:rooms-and-doorways",
+]
+"""All planners; those after "cover" are baselines (the others in `nbv.plan.offline_plan`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,8 +84,11 @@ class RequirementOptions:
 class SearchOptions:
     """The planner, and when a plan ends: see `nbv.plan.planning.plan_views`."""
 
-    method: Literal["nbv", "cover"] = option(
-        "--method", "Plan online without knowing the scene (nbv), or offline with it (cover).", "nbv"
+    method: Literal["nbv", "cover", LiteratureMethod] = option(
+        "--method",
+        "Plan online without knowing the scene (nbv; online:NAME by a criterion of the literature), or "
+        "offline with it (cover).",
+        "nbv",
     )
     target: float = option(
         "--target", "Fraction of the reachable area to measure.", 0.99, limits=NumberRange(above=0, most=1)

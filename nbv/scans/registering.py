@@ -17,10 +17,12 @@ from completion.registration.registered import Registered, pose_doubts
 from completion.registration.verdict import Verdict
 from nbv.online.limits import NOTICED_SHARE
 from nbv.run.wording import count
+from nbv.scans.upright import find_up_of
 from scenes.checks import FloatArray, InputError
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress
+from scenes.scan.doubts import merge_warnings
 from scenes.scan.range_image import RangeImage
 
 
@@ -100,6 +102,14 @@ def _deviation(registration: Registered, scan: int) -> float:
     """Standard deviation of a scan's pose, metres; the stated pose error where registration has none."""
     deviation = registration.pose_deviation(scan)
     return deviation if np.isfinite(deviation) else REGISTRATION_M / POSE_BOUND
+
+
+def ups_of(scans: Sequence[RangeImage], *, n_threads: int | None = None) -> tuple[FloatArray, list[str]]:
+    """Estimate which way is up (n, 3) for scans with a world each, and return what to tell of it."""
+    ups = [find_up_of([scan], n_threads) for scan in scans]
+    told = [up.describe("poses are sought with this upright") for up in ups]
+    named = [(scan.name, [text] if text else []) for scan, text in zip(scans, told, strict=True)]
+    return np.array([up.direction for up in ups]), merge_warnings(named)
 
 
 def copies_of(scans: Sequence[RangeImage]) -> dict[int, int]:

@@ -21,6 +21,7 @@ from nbv.online.gain import ViewEvaluation, seen_from
 from nbv.online.limits import LOWEST_M, MOST_SCAN_PIXELS, STRAY_SHARE, THINNING_CELL_M
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.planner import PlannerOptions, wanted_cosine
+from nbv.online.possible_solid import PossibleSurface
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
 from nbv.scans.seen_rooms import SeenRooms
@@ -30,7 +31,6 @@ from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
-from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Mode
 
@@ -76,15 +76,14 @@ def _expected_targets(
     zones: Zones,
 ) -> ViewEvaluation:
     """Return the targets of a map that a scan should see."""
-    faces = before.boundary()
+    surface = PossibleSurface.of(before)
     attempts = np.zeros((2, before.grid.n_voxels), np.int32)
     targets = find_targets(
-        before, faces, required_cosine=requirement.min_cosine, attempts=attempts, options=gain
+        before, surface, required_cosine=requirement.min_cosine, attempts=attempts, options=gain
     )
     targets = targets.some(voxels_of_interest(before, zones)[targets.voxel])
-    caster = RayCaster(*faces.triangles(before.grid.voxel_m), n_threads=1)
     seen = seen_from(
-        targets, scan.origin, boundary=caster, required_cosine=wanted_cosine(requirement, gain),
+        targets, scan.origin, boundary=surface.ray_caster(), required_cosine=wanted_cosine(requirement, gain),
         sensor=sensor, expected=None,
     )  # fmt: skip
     in_view = np.isfinite(scan.pixels(scan.origin + seen.offsets).sum(axis=1))

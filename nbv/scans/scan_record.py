@@ -119,7 +119,7 @@ def read_predictions(path: Path, poses: Sequence[Pose]) -> tuple[StationPredicti
     path : Path
         Its plan.json.
     poses : sequence of Pose
-        Of all scans, in order.
+        Of all scans, in order, in the scans' own world; the plan says how it turned that (`UprightScans`).
 
     Raises
     ------
@@ -128,9 +128,11 @@ def read_predictions(path: Path, poses: Sequence[Pose]) -> tuple[StationPredicti
     """
     content = read_json(path, dict)
     try:
-        known = [Pose(matrix) for matrix in content["resumed_from"]["world_from_sensor"]]
+        scans_from_world = Pose(content.get("world_from_scans", np.eye(4))).inverse()
+        known = [scans_from_world @ Pose(matrix) for matrix in content["resumed_from"]["world_from_sensor"]]
         record = [_read_prediction(entry["said"]) for entry in content["record"]]
-        planned = [Pose(view["world_from_sensor"]).translation for view in content["views"]]
+        views = [scans_from_world @ Pose(view["world_from_sensor"]) for view in content["views"]]
+        planned = [view.translation for view in views]
         gains = [view["predicted_gain_m2"] for view in content["views"]]
         if len(record) != len(known):
             raise InputError(f"its record has {len(record)} scans, and it was made after {len(known)}")

@@ -14,7 +14,7 @@ from typing import Any
 from nbv.run.workers import ThisProcess, Work, Workers
 from nbv.study.archive import RecordArchive, do_missing
 from nbv.study.case import cases_of, run_case
-from nbv.study.scans import run_completion, run_scan, sets_of
+from nbv.study.scans import run_scan, run_together, sets_of
 from nbv.study.spec import ScanStudySpec, StudySpec
 from nbv.visibility.visibility import Progress
 
@@ -63,5 +63,5 @@ def _stages(
         return [(cases_of(spec, first_seed), RecordArchive(folder / "plans"), run_case)]
     sets, archive = sets_of(spec, folder / "scans", first_seed), RecordArchive(folder / "records")
     scans = [case for one in sets for case in one.scans]
-    completed = [(sets, archive, run_completion)] if spec.complete else []
-    return [(scans, archive, run_scan), *completed]
+    together = [(sets, archive, run_together)] if spec.joins_scans else []
+    return [(scans, archive, run_scan), *together]

@@ -27,7 +27,8 @@ SET_COLUMNS: Columns = {
     **_LABELS, "requirement": str, "scans": int, "scan_time_s": float, "pixels": int, **_ERRORS,
     "density_5_per_m2": float, "density_50_per_m2": float, "total_m2": float, "seen": float, "met": float,
     "met_standard_error": float, "modelled": float, "inferred": float, "unknown": float,
-    "inferred_m2": float, "inferred_right": float, "error": str,
+    "inferred_m2": float, "inferred_right": float, "placed": int, "pose_shift_m": float,
+    "pose_turn_deg": float, "error": str,
 }  # fmt: skip
 SCAN_COLUMNS: Columns = {
     **_LABELS, "requirement": str, "scan": int, "x_m": float, "y_m": float, "z_m": float,
@@ -135,7 +136,7 @@ def _judged(
         scans.append(_scan_row(found, asked, case=case, record=record, shares=_figures(setting, mask, good)))
     met, any_seen = n_met >= requirement.k, density > 0
     classes = _classes(found, met, any_seen)
-    done = found.completed if found.completed and not found.completed.get("error") else None
+    done, registered = _part(found, "completed"), _part(found, "registered") or {}
     total, time_s = float(samples.areas.sum()), setting.sensor.scan_time_s
     row = {
         **_labels(found),
@@ -153,6 +154,9 @@ def _judged(
         **{name: float(samples.areas[where].sum()) / total for name, where in classes.items()},
         "inferred_m2": done["inferred_m2"] if done else 0.0,
         "inferred_right": done["right_m2"] / done["inferred_m2"] if done and done["inferred_m2"] else None,
+        "placed": registered.get("placed"),
+        "pose_shift_m": registered.get("shift_m"),
+        "pose_turn_deg": registered.get("turn_deg"),
         "error": _errors(found),
     }
     surfaces = tuple(_surface_rows(found, setting, asked, {"met": met, **classes}))
@@ -160,6 +164,12 @@ def _judged(
         found=found, requirement=asked, row=row, scans=tuple(scans), surfaces=surfaces, tallies=tallies,
         surface_names=setting.scene.surface_names,
     )  # fmt: skip
+
+
+def _part(found: SetRecords, name: str) -> Mapping[str, Any] | None:
+    """What came of "completed" or "registered"; None where it was not asked for, or did not work."""
+    part: Mapping[str, Any] | None = (found.together or {}).get(name)
+    return part
 
 
 def _sight(case: ScanCase, setting: CaseSetting, mask: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -193,8 +203,8 @@ def _scan_row(
 
 def _classes(found: SetRecords, met: BoolArray, seen: BoolArray) -> dict[str, BoolArray]:
     """Which samples (n,) completion models or infers, of those that are not met, and which are unknown."""
-    done = found.completed
-    if done is None or done.get("error"):
+    done = _part(found, "completed")
+    if done is None:
         none = np.zeros(len(met), np.bool_)
         return {"modelled": none, "inferred": none, "unknown": ~met}
     modelled = unpacked(done["modelled"], len(met)) & seen & ~met
@@ -234,5 +244,5 @@ def _area_quantile(values: FloatArray, areas: FloatArray, share: float) -> float
 
 def _errors(found: SetRecords) -> str:
     """What could not be done, each once."""
-    said = [str(record["error"]) for record in (*found.records, found.completed or {}) if record.get("error")]
+    said = [str(record["error"]) for record in (*found.records, found.together or {}) if record.get("error")]
     return "; ".join(dict.fromkeys(said))

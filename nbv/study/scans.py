@@ -11,7 +11,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from completion.registration.pipeline import register_scans
 from nbv.coverage.measurement import measured_samples
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.plan.baselines import farthest_poses
@@ -32,7 +33,7 @@ from nbv.study.case import CaseSetting, identity_of, load_setting, slug
 from nbv.study.scan_errors import tally_errors
 from nbv.study.spec import PosesEntry, Sampling, ScanStudySpec, SceneEntry, SensorEntry
 from nbv.visibility.visibility import Progress
-from scenes.checks import BoolArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.io.poses.trajectory import read_poses
 from scenes.io.scan_files import write_scan
 from scenes.mesh.labelled_mesh import triangle_areas
@@ -66,7 +67,7 @@ class ScanCase:
 
 @dataclass(frozen=True, slots=True)
 class ScanSet:
-    """All scans of one scene by one sensor from one entry of poses with one seed."""
+    """All scans of one scene by one sensor from one entry of poses with one seed, and what they are for."""
 
     name: str
     key: str
@@ -75,6 +76,8 @@ class ScanSet:
     poses: PosesEntry
     seed: int
     scans: tuple[ScanCase, ...]
+    complete: bool = False
+    register: bool = False
 
     def labels(self) -> dict[str, Any]:
         """Return what the set is of, as columns of the results."""
@@ -86,11 +89,11 @@ class ScanSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetRecords:
-    """A set, the records of its scans, and that of its completion where it was asked for."""
+    """A set, the records of its scans, and that of all together where completion or registration is asked."""
 
     scans: ScanSet
     records: tuple[Mapping[str, Any], ...]
-    completed: Mapping[str, Any] | None
+    together: Mapping[str, Any] | None
 
 
 def sets_of(spec: ScanStudySpec, folder: Path, first_seed: int = 0) -> tuple[ScanSet, ...]:
@@ -130,11 +133,12 @@ def sets_of(spec: ScanStudySpec, folder: Path, first_seed: int = 0) -> tuple[Sca
                     seed=first_seed + seed, true_pose=_rows(true), pose=_rows(pose), file=file,
                 )
             )  # fmt: skip
-        key = _key({"scans": [scan.key for scan in scans]})
+        todo = {"complete": spec.complete, "register": spec.register_scans}
+        key = _key({"scans": [scan.key for scan in scans], **todo})
         sets.append(
             ScanSet(
                 name=f"{stem}-{key[:8]}", key=key, scene=scene, sensor=sensor, poses=poses,
-                seed=first_seed + seed, scans=tuple(scans),
+                seed=first_seed + seed, scans=tuple(scans), **todo,
             )
         )  # fmt: skip
     return tuple(sets)
@@ -215,27 +219,67 @@ def run_scan(case: ScanCase, n_threads: int | None = None) -> dict[str, Any]:
     }
 
 
-def run_completion(scans: ScanSet, n_threads: int | None = None) -> dict[str, Any]:
-    """Complete all scans of a set; return which samples it modelled and inferred, and how much is right."""
-    head = {"case": scans.name, "key": scans.key}
+def run_together(scans: ScanSet, n_threads: int | None = None) -> dict[str, Any]:
+    """Complete and register all scans of a set, as it asks; return what came of it."""
     setting = load_setting(scans.scene, scans.sensor, scans.scans[0].sampling)
-    samples = setting.samples
+    record: dict[str, Any] = {"case": scans.name, "key": scans.key}
     try:
         taken = [take_scan(case, setting, n_threads) for case in scans.scans]
-        known = replace(KnownSurfaces.of(taken, n_threads=n_threads), min_confidence=0.0)  # every claim
+        if scans.complete:
+            record["completed"] = _completed(taken, setting, n_threads)
+        if scans.register and len(taken) > 1:
+            record["registered"] = _registered(taken, scans, n_threads)
     except InputError as error:
-        return {**head, "error": str(error)}
+        record["error"] = str(error)
+    return record
+
+
+def _completed(scans: Sequence[RangeImage], setting: CaseSetting, n_threads: int | None) -> dict[str, Any]:
+    """Which samples completion models and infers, and how much of what it infers is right."""
+    samples = setting.samples
+    known = replace(KnownSurfaces.of(scans, n_threads=n_threads), min_confidence=0.0)  # every claim
     vertices, faces, _ = known.inferred_mesh()
     corners = vertices[faces]
     areas = triangle_areas(corners)
     right = distances(corners.mean(axis=1), setting.scene.mesh.corners) <= _RIGHT_M
     return {
-        **head,
         "modelled": packed(known.on_modelled(samples.points, samples.normals, _RIGHT_M)),
         "inferred": packed(known.on_inferred(samples.points, samples.normals, _RIGHT_M)),
         "inferred_m2": float(areas.sum()),
         "right_m2": float(areas[right].sum()),
     }
+
+
+def _registered(
+    scans: Sequence[RangeImage], asked: ScanSet, n_threads: int | None
+) -> dict[str, float | int | None]:
+    """How many scans were placed to others, and how far each is off beside the first of its group.
+
+    Root mean squares, metres and degrees; what the poses said counts as a start, no more.
+    """
+    found = register_scans(scans, started=True, n_threads=n_threads)
+    placed, shifts, turns = 0, list[float](), list[float]()
+    for group in found.groups:
+        numbers = sorted(group.group.poses)
+        placed += len(numbers)
+        first = numbers[0]
+        true = [Pose(np.array(case.true_pose)) for case in asked.scans]
+        for number in numbers[1:]:
+            told = _in_first(group.group.poses[first], group.group.poses[number])
+            off = (true[first].inverse() @ true[number]).inverse() @ told
+            shifts.append(float(np.linalg.norm(off.translation)))
+            turns.append(float(np.degrees(np.linalg.norm(Rotation.from_matrix(off.rotation).as_rotvec()))))
+    return {
+        "placed": placed,
+        "shift_m": float(np.sqrt(np.mean(np.square(shifts)))) if shifts else None,
+        "turn_deg": float(np.sqrt(np.mean(np.square(turns)))) if turns else None,
+    }
+
+
+def _in_first(first: FloatArray, other: FloatArray) -> Pose:
+    """Pose of a scan in the frame of the first, of two poses (3, 4) in one frame."""
+    a, b = (Pose.from_parts(pose[:, :3], pose[:, 3]) for pose in (first, other))
+    return a.inverse() @ b
 
 
 def packed(mask: BoolArray) -> str:
@@ -283,11 +327,13 @@ def run_scan_study(
     do_missing(
         [case for one in sets for case in one.scans], archive, run_scan, workers=workers, progress=progress
     )
-    if spec.complete:
-        do_missing(sets, archive, run_completion, workers=workers, progress=progress)
+    if spec.joins_scans:
+        do_missing(sets, archive, run_together, workers=workers, progress=progress)
     return tuple(
         SetRecords(
-            one, tuple(archive.read(case) for case in one.scans), archive.read(one) if spec.complete else None
+            one,
+            tuple(archive.read(case) for case in one.scans),
+            archive.read(one) if spec.joins_scans else None,
         )
         for one in sets
     )

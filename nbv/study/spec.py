@@ -19,8 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from nbv.plan.planning import Method
-from nbv.run.plan_options import RequirementOptions, SearchOptions
+from nbv.run.plan_options import Method, RequirementOptions, SearchOptions
 from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
 from scenes.io.checks.documents import read_toml, within_folder
@@ -273,6 +272,9 @@ class ScanStudySpec(CommonSpec):
         As what the scans are kept; none are by default, and each is dropped when its errors are known.
     complete : bool
         Whether the scans of each set are completed, and compared with the truth.
+    register_scans : bool
+        Whether the scans of each set are registered to each other, from the poses that they are said to have,
+        and compared with the truth; `register` in the study file.
     pose_sd_m, pose_sd_deg : float
         Standard deviation in each axis of how far the scans are off from where they are said to be.
     """
@@ -281,10 +283,16 @@ class ScanStudySpec(CommonSpec):
     poses: tuple[PosesEntry, ...] = Field(min_length=1)
     keep: Literal["none", "npz", "e57", "laz"] = "none"
     complete: bool = False
+    register_scans: bool = Field(default=False, alias="register")
     pose_sd_m: float = Field(default=0.0, ge=0, le=10.0)
     pose_sd_deg: float = Field(default=0.0, ge=0, le=30.0)
     _VARIED = ("scenes", "sensors", "poses", "requirements")
     _EACH = "sets of scans"
+
+    @property
+    def joins_scans(self) -> bool:
+        """Whether anything is asked of all scans of a set together."""
+        return self.complete or self.register_scans
 
 
 def common_share(spec: StudySpec) -> float:

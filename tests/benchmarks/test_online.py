@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.suites import bunny, online
+from benchmarks.suites import bunny, object_views, online
 from nbv.scanning.sensor import PinholeSensor
 from tests.helpers.data_paths import requires_data
 
@@ -22,9 +22,11 @@ def rows(text: str) -> dict[str, list[str]]:
 def test_the_bunny_is_seen_better_by_who_knows_more(monkeypatch):
     monkeypatch.setattr(bunny, "N_VIEWS", 4)
     monkeypatch.setattr(bunny, "SENSOR", PinholeSensor(fov_deg=70, width=640, height=360))
-    table = rows("\n".join(bunny.bunny(30, 3000, starts=2, blind=5)))
+    table = rows("\n".join(bunny.bunny(30, 3000, starts=2, blind=5, literature=True)))
     last = {name: float(cells[-1]) for name, cells in table.items() if name != "planner"}
-    assert list(last)[:3] == ["online", "online, w_q = 0", "farthest-point"]
+    assert list(last)[:3] == ["online", "online, w_q = 0", "online:frontier"]
+    assert list(last)[8] == "farthest-point"
+    assert min(last[name] for name in last if name.startswith("online:")) > 25
     assert last["greedy for 60 deg"] >= last["online"] > 60
     assert last["online"] > last["random"]
 
@@ -58,3 +60,11 @@ def test_views_to_a_share_are_counted():
     found = online.plan(0, max_views=4, voxel_m=0.2)
     assert online.views_to(found) == pytest.approx([np.inf] * 4)
     assert "inf (inf)" in online.views_row("short", 1, max_views=3, voxel_m=0.2)
+
+
+@pytest.mark.long
+@requires_data
+def test_online_views_around_objects_come_near_the_choice_that_knows_them():
+    table = rows("\n".join(object_views.object_views("tuning", 1, 100, 2000, 2)))
+    online, farthest, greedy = (float(share) for share in table["mean"][0].split(" / "))
+    assert greedy >= online > farthest

@@ -19,6 +19,7 @@ from nbv.report.blocks.page import Block, Cell, Table, Text
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import coverage_curve
+from nbv.report.viewer.markers import Look, is_cone, projection_of, slope_of
 from nbv.run.wording import count, letters, percent, percent_within, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -26,7 +27,6 @@ from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.run.mapping import trim
-from scenes.scan.projection import Projection
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
@@ -168,10 +168,12 @@ def views_table(plan: Plan) -> Table:
     return _stations_table("View", poses, gains, [view.met_fraction or 0.0 for view in plan.views])
 
 
-def stations_table(poses: Sequence[Pose], met: Sequence[float], total_m2: float) -> Table:
+def stations_table(
+    poses: Sequence[Pose], met: Sequence[float], total_m2: float, what: str = "Station"
+) -> Table:
     """A row for each station that was given; `met` is the share before the first and after each."""
     gains = [(after - before) * total_m2 for before, after in pairwise(met)]
-    return _stations_table("Station", poses, gains, met[1:])
+    return _stations_table(what, poses, gains, met[1:])
 
 
 def _stations_table(what: str, poses: Sequence[Pose], gains: Sequence[float], met: Sequence[float]) -> Table:
@@ -223,16 +225,16 @@ def stations(
     given: Sequence[Pose] = (),
     tour: Tour | None = None,
     zones: Zones = EVERYWHERE,
-    projections: Sequence[Projection] = (),
+    looks: Sequence[Look] = (),
 ) -> Picture:
-    """The floor plan; `projections` of the stations where they are not the sensor's."""
+    """The floor plan; `looks` tell the stations' fields of view where they are not the sensor's."""
     bounds = scene.mesh.bounds()
     reach = field_length(bounds)
     plan = FloorPlan(
         outline=outline_of(scene),
         bounds=bounds,
         positions=places_of(poses),
-        fields=fields_of(poses, projections or [sensor.projection] * len(poses), reach),
+        fields=fields_of(poses, looks or [sensor] * len(poses), reach),
         highlighted=highlighted,
         given=places_of(given),
         ways=[] if tour is None else [leg.path for leg in tour.legs],
@@ -256,17 +258,23 @@ def field_length(bounds: FloatArray) -> float:
     return 0.16 * float(np.ptp(bounds[:, :2], axis=0).max())
 
 
-def fields_of(poses: Sequence[Pose], projections: Sequence[Projection], reach_m: float) -> list[FloatArray]:
+def fields_of(poses: Sequence[Pose], looks: Sequence[Look], reach_m: float) -> list[FloatArray]:
     """Outlines (k, 2) of what sensors see up to a distance, from above: steep ones are short."""
-    rays = {id(projection): _some_rays(projection) for projection in projections}
+    rays = {id(look): _some_rays(look) for look in looks}
     return [
-        _outline(pose.translation, pose.translation + reach_m * pose.rotate(rays[id(projection)]))
-        for pose, projection in zip(poses, projections, strict=True)
+        _outline(pose.translation, pose.translation + reach_m * pose.rotate(rays[id(look)]))
+        for pose, look in zip(poses, looks, strict=True)
     ]
 
 
-def _some_rays(projection: Projection) -> FloatArray:
-    """Rays (n, 3) all over a field of view, its corners among them."""
+def _some_rays(look: Look) -> FloatArray:
+    """Rays (n, 3) all over a field of view, its corners among them; of a cone in rings up to its own."""
+    slope, projection = slope_of(look), projection_of(look)
+    if slope is not None and is_cone(look):
+        share, turn = np.meshgrid(np.linspace(0.0, 1.0, _RAYS), np.linspace(0.0, 2 * np.pi, 2 * _RAYS))
+        across = [tangent * share * way(turn) for tangent, way in zip(slope, (np.cos, np.sin), strict=True)]
+        rays = np.stack([*across, np.ones_like(turn)])
+        return np.asarray((rays / np.linalg.norm(rays, axis=0)).reshape(3, -1).T)
     rows, columns = (np.unique(np.linspace(0, n - 1, _RAYS).astype(np.int64)) for n in projection.shape)
     return projection.directions()[np.ix_(rows, columns)].reshape(-1, 3)
 

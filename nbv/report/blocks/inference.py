@@ -29,6 +29,7 @@ from nbv.report.figures import picture
 from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import class_curve
 from nbv.report.figures.surface_values import StateMarks, state_pictures
+from nbv.run.plan_options import ONLINE_METHODS
 from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.visibility.limits import CLOSE_M
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -59,7 +60,7 @@ class PlanFindings:
 def measured_sentence(plan: Plan, coverage: Coverage) -> str:
     """How much the views of a plan measure as required, in a sentence."""
     where = " in the region" if plan.zones.region else ""
-    how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
+    how = "without knowing the scene" if plan.method in ONLINE_METHODS else "knowing the scene"
     met = percent_within(coverage.met, coverage.standard_errors()["met"])
     return (
         f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} "

@@ -19,10 +19,10 @@ from nbv.coverage.coverage import Coverage
 from nbv.online.limits import INSTRUMENT_M
 from nbv.plan.plan import Plan, aim_of
 from nbv.plan.rules import RuleOutcome
-from nbv.plan.station_list import station_csv, stations_of
+from nbv.plan.station_list import Station, station_csv, stations_of
 from nbv.report.blocks.coverage_tables import cut_of
 from nbv.report.blocks.page import Block, Cell, PageSection, Table, Text
-from nbv.report.figures.floor_plan import StoreyPlan, sheets_pdf
+from nbv.report.figures.floor_plan import StoreyPlan, joined_numbers, sheets_pdf
 from nbv.run.wording import count, letters, percent, percent_within, square_metres
 from nbv.scans.room_coverage import RoomCoverage
 from nbv.scans.scan_coverage import ScanCoverage
@@ -89,8 +89,9 @@ def rooms_section(plan: Plan) -> tuple[PageSection, ...]:
     """A row for each room with its stations; nothing where the scene is one room, or none."""
     if len(plan.rooms) < 2:
         return ()
+    standing = "Stations" if plan.sensor.kind == "spherical" else "Views"
     columns = (
-        "Room", "Stations", "Leads to", "#storey", "#floor, m\u00b2", "#level, m", "#surface, m\u00b2",
+        "Room", standing, "Leads to", "#storey", "#floor, m\u00b2", "#level, m", "#surface, m\u00b2",
         "#of it as required, %", "#can be reached, %",
     )  # fmt: skip
     rows = tuple(_row(room) for room in plan.rooms)
@@ -148,10 +149,11 @@ _BELOW_STOREY_M = 0.5  # a way so far below a storey's floor still belongs to it
 _NEAR_M = 1.2  # a room's label keeps so far from its stations where there is space
 
 
-def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
+def storey_plans(scene: Scene, plan: Plan, *, by_views: bool = False) -> tuple[StoreyPlan, ...]:
     """Return the floor plan of each storey on which stations were asked for, the lowest first.
 
-    It is cut at the height of the instruments that stand there. Nothing without rooms.
+    It is cut at the height of the instruments that stand there. Nothing without rooms. Stations have their
+    numbers in `stations.csv`, or those of their views, as 3-D view and tables of a report have.
     """
     if plan.site is None:
         return ()
@@ -175,12 +177,22 @@ def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
                 cut_m=height,
                 rooms=[(label_of(room), label_place(rooms, room, places)) for room in shown],
                 stations=[
-                    (str(station.number), station.position[:2], station.headings_deg) for station in here
+                    (_name_of(station, by_views=by_views), station.position[:2], station.headings_deg)
+                    for station in here
                 ],
+                numbers=_VIEWS_NUMBERS if by_views and len(stations) < len(plan.views) else "their numbers",
                 ways=ways.get(storey, ()),
             )
         )
     return tuple(plans)
+
+
+_VIEWS_NUMBERS = "the numbers of their views"
+
+
+def _name_of(station: Station, *, by_views: bool) -> str:
+    """The number of a station, or those of its views."""
+    return joined_numbers([str(view) for view in station.views]) if by_views else str(station.number)
 
 
 def label_of(room: SiteRoom) -> str:

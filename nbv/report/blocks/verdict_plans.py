@@ -105,7 +105,7 @@ def verdict_plans(
                 ),
             ],
         )  # fmt: skip
-        yield plan.plot().picture(storey.name, _caption(storey, has_next=bool(plan.stations)))
+        yield plan.plot(storey.name, _caption(storey, has_next=bool(plan.stations)))
 
 
 def _caption(storey: DesignStorey, *, has_next: bool) -> str:

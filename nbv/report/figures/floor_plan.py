@@ -19,9 +19,10 @@ from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.figure import Figure
 from matplotlib.path import Path as PlotPath
 
+from nbv.report.figures.labels import Label, write_labels
 from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import LIGHT, Plot, Theme, drawn_plot
-from nbv.run.wording import letters
+from nbv.run.wording import count, letters
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
 from scenes.checks import FloatArray
 
@@ -77,15 +78,13 @@ class FloorPlan:
             draw_zones(axes, theme, self.zones)
             size = 0.07 * float(extent.max())
             _draw_fields(axes, self.given_fields, [theme.faint] * len(self.given_fields))
-            _draw_given(axes, theme, self.given, size)
-            self._draw_stations(axes, theme, size)
-            axes.set_aspect("equal")
-            pad = 0.06 * float(extent.max())
-            axes.set_xlim(low[0] - pad, high[0] + pad)
-            axes.set_ylim(low[1] - pad, high[1] + pad)
-            axes.set_xlabel("x, m")
-            axes.set_ylabel("y, m")
-            axes.grid(visible=False)
+            self._draw_stations(axes, theme)
+            _set_frame(axes, low, high, 0.06 * float(extent.max()))
+            numbers = [str(number) for number in range(1, len(self.positions) + 1)]
+            names = [letters(number) for number in range(len(self.given))]
+            labels = _near_labels(self.positions, numbers, theme.accent, _DOT_PT, size)
+            labels += _near_labels(self.given, names, theme.ink, _SQUARE_PT, size)
+            write_labels(axes, labels, [*self.outline, *(way[:, :2] for way in self.ways)])
 
         return drawn_plot(draw, (width + 0.5, height + 0.4))
 
@@ -96,7 +95,10 @@ class FloorPlan:
         points = np.vstack([self.bounds, self.positions, self.given, *corners])[:, :2]
         return points.min(axis=0), points.max(axis=0)
 
-    def _draw_stations(self, axes: Axes, theme: Theme, size: float) -> None:
+    def _draw_stations(self, axes: Axes, theme: Theme) -> None:
+        if len(self.given):
+            x, y = self.given[:, :2].T
+            axes.scatter(x, y, s=34, marker="s", facecolors="none", edgecolors=theme.ink, zorder=4)
         if not len(self.positions):
             return
         special = set(self.highlighted)
@@ -104,8 +106,6 @@ class FloorPlan:
         x, y = self.positions[:, 0], self.positions[:, 1]
         _draw_fields(axes, self.fields, colours)
         axes.scatter(x, y, s=22, color=colours, zorder=4, linewidths=0)
-        numbers = [str(number) for number in range(1, len(self.positions) + 1)]
-        _label(axes, self.positions, names=numbers, colour=theme.accent, offset=(5, 5), size=size)
 
 
 def _draw_fields(axes: Axes, fields: Sequence[FloatArray], colours: Sequence[str]) -> None:
@@ -113,16 +113,6 @@ def _draw_fields(axes: Axes, fields: Sequence[FloatArray], colours: Sequence[str
     for outline, colour in zip(fields, colours, strict=False):
         axes.fill(*outline.T, facecolor=colour, alpha=_FAINT, linewidth=0, zorder=3)
         axes.plot(*outline.T, color=colour, alpha=0.55, linewidth=0.7, zorder=3)
-
-
-def _draw_given(axes: Axes, theme: Theme, given: FloatArray, size: float) -> None:
-    """Draw the stations that had been there before."""
-    if len(given):
-        axes.scatter(
-            given[:, 0], given[:, 1], s=34, marker="s", facecolors="none", edgecolors=theme.ink, zorder=4
-        )
-        names = [letters(number) for number in range(len(given))]
-        _label(axes, given, names=names, colour=theme.ink, offset=(-6, -13), size=size)
 
 
 def draw_zones(axes: Axes, theme: Theme, zones: Zones) -> None:
@@ -141,70 +131,23 @@ def _corner_ring(box: Box) -> tuple[FloatArray, FloatArray]:
     return np.array([x0, x1, x1, x0, x0]), np.array([y0, y0, y1, y1, y0])
 
 
-def _label(
-    axes: Axes, positions: FloatArray, names: Sequence[str], colour: str, offset: tuple[int, int], size: float
-) -> None:
-    """Write the names of the stations at each place, those together that lie within a third of `size`."""
+def _near_labels(
+    positions: FloatArray, names: Sequence[str], colour: str, dot_pt: float, size: float
+) -> list[Label]:
+    """The names of stations at each place, those together that lie within a third of `size`."""
     places: dict[tuple[float, float], list[str]] = {}
     for name, (x, y) in zip(names, positions[:, :2].tolist(), strict=True):
         near = (place for place in places if np.hypot(place[0] - x, place[1] - y) < size / 3)
         places.setdefault(next(near, (x, y)), []).append(name)
-    for place, here in places.items():
-        text = ",".join(here[:_MOST_NUMBERS]) + (" ..." if len(here) > _MOST_NUMBERS else "")
-        axes.annotate(
-            text, place, xytext=offset, textcoords="offset points", fontsize=7.5, color=colour, zorder=5
-        )
+    return [
+        Label(joined_numbers(here), np.array(place), colour, _NUMBER_PT, dot_pt)
+        for place, here in places.items()
+    ]
 
 
-_AROUND = np.array(
-    [[1, 1], [-1, 1], [1, -1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64
-)  # the best known first (Christensen, Marks & Shieber 1995)
-_FARTHER = 0.02  # what a place farther down that list costs, where all of a text costs 1
-_SWEEPS = 3
-
-
-def beside(points: FloatArray, sizes: FloatArray, gap: float, taken: FloatArray) -> FloatArray:
-    """Return the middles (n, 2) of texts of `sizes` (n, 2) beside `points` (n, 2).
-
-    Each takes the one of eight places around its point, `gap` away from it, where it covers least of the
-    rectangles `taken` (k, 2, 2), lower and upper corners, and of the other texts. All in one unit.
-    """
-    offsets = _AROUND[None] * (sizes[:, None] / 2 + gap * np.sqrt(0.5))
-    return _place_labels(points[:, None] + offsets, sizes, taken)
-
-
-def around(points: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatArray:
-    """Return the middles (n, 2) of texts on `points` (n, 2), or up to a text's size away; see `beside`."""
-    steps = np.vstack([np.zeros(2), 0.5 * _AROUND, _AROUND])
-    return _place_labels(points[:, None] + steps[None] * sizes[:, None], sizes, taken)
-
-
-def boxes(middles: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Return rectangles (n, 2, 2), lower and upper corners, by their middles and sizes (n, 2)."""
-    return np.stack([middles - sizes / 2, middles + sizes / 2], axis=1)
-
-
-def _place_labels(places: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatArray:
-    """Of the places (n, m, 2) of each text the one that covers least; later sweeps see all other texts."""
-    n, fixed = len(places), taken.reshape(-1, 2, 2)
-    texts = np.full((n, 2, 2), np.nan)
-    for _ in range(_SWEEPS):
-        for number in range(n):
-            texts[number] = np.nan
-            known = np.concatenate([fixed, texts[~np.isnan(texts[:, 0, 0])]])
-            mine = boxes(places[number], np.broadcast_to(sizes[number], places[number].shape))
-            cost = _overlap_shares(mine, known) + _FARTHER * np.arange(len(mine))
-            texts[number] = mine[int(np.argmin(cost))]
-    return np.asarray(texts.mean(axis=1))
-
-
-def _overlap_shares(mine: FloatArray, known: FloatArray) -> FloatArray:
-    """Common area of each rectangle (m, 2, 2) with all known ones, in shares of the smaller of two."""
-    low = np.maximum(mine[:, None, 0], known[None, :, 0])
-    high = np.minimum(mine[:, None, 1], known[None, :, 1])
-    common = np.maximum(high - low, 0.0).prod(axis=2)
-    area, other = ((extents[:, 1] - extents[:, 0]).prod(axis=1) for extents in (mine, known))
-    return np.asarray((common / np.minimum(area[:, None], other[None])).sum(axis=1))
+def joined_numbers(names: Sequence[str]) -> str:
+    """Return the names at one place of a plan; of many the first."""
+    return ",".join(names[:_MOST_NUMBERS]) + (" ..." if len(names) > _MOST_NUMBERS else "")
 
 
 _SCALES = (20, 50, 100, 200, 500, 1000, 2000, 5000)
@@ -212,10 +155,9 @@ _PAPER_M = (0.40, 0.27)  # an A3 sheet within its margins
 _MARGIN_IN = 0.65
 _FOOT_IN = 0.75  # below the plan: scale bar and text
 _PAGE_IN = 4.9  # width in a report
-_INCH_M, _INCH_PT = 0.0254, 72.0
-_NAME_PT, _NUMBER_PT, _DOT_PT = 6.5, 8.0, 4.2  # of rooms, of stations, and across these
-_SQUARE_PT = 5.0  # across a scan
-_WIDE, _HIGH = 0.7, 1.2  # of a letter and a line, in units of the font's size
+_INCH_M = 0.0254
+_NAME_PT, _NUMBER_PT, _DOT_PT = 6.5, 8.0, 4.8  # of rooms, of stations, and across these
+_SQUARE_PT = 6.0  # across a scan
 _HEADING_M = 0.6  # length of the stroke that shows where a camera looks
 
 
@@ -257,27 +199,30 @@ class StoreyPlan:
     given: Sequence[tuple[str, FloatArray]] = ()
     zones: Zones = EVERYWHERE
     fills: Sequence[tuple[Sequence[PlotPath], str, str]] = ()
+    numbers: str = "their numbers"
 
-    def plot(self) -> Plot:
-        """Return it as a picture of a page, no scale promised."""
+    def plot(self, title: str, caption: str = "") -> Picture:
+        """Return it as a picture of a page, no scale promised; the caption says what has no label."""
         low, high = self.extent()
         size = np.maximum(high - low, 1e-6)
-        height = float(np.clip(_PAGE_IN * size[1] / size[0], 2.2, 6.5))
+        height, left_out = float(np.clip(_PAGE_IN * size[1] / size[0], 2.2, 6.5)), list[int]()
 
         def draw(axes: Axes, theme: Theme) -> None:
-            self._draw(axes, theme, _INCH_PT * float(min(_PAGE_IN / size[0], height / size[1])))
+            left_out.append(self._draw(axes, theme, 0.04 * float(size.max())))
 
-        return drawn_plot(draw, (_PAGE_IN + 0.5, height + 0.4))
+        plot = drawn_plot(draw, (_PAGE_IN + 0.5, height + 0.4))
+        if left_out[0]:
+            caption += f" {count(left_out[0], 'label')} found no room."
+        return plot.picture(title, caption)
 
     def picture(self) -> Picture:
         """Return it as a picture of a page that says what it shows."""
         strokes = ", their strokes where views look" if any(stroke for *_, stroke in self.stations) else ""
-        caption = (
-            f"Dots are stations by their numbers{strokes}; walls are cut {self.cut_m:.2f} m above the floor."
-        )
+        caption = f"Dots are stations by {self.numbers}{strokes}. " if self.stations else ""
+        caption += f"Walls are cut {self.cut_m:.2f} m above the floor."
         caption += " Squares with letters: scans that have been taken." if self.given else ""
         caption += " Lines: what of the tour lies here." if self.ways else ""
-        return self.plot().picture(f"Storey {self.storey}.", caption)
+        return self.plot(f"Storey {self.storey}.", caption)
 
     def svg(self) -> bytes:
         """Return it as SVG to scale, texts as texts."""
@@ -307,16 +252,14 @@ class StoreyPlan:
         left, bottom = (sheet[0] - inches[0]) / 2, _MARGIN_IN + _FOOT_IN
         bottom += (sheet[1] - _FOOT_IN - 2 * _MARGIN_IN - inches[1]) / 2
         axes = figure.add_axes((left / sheet[0], bottom / sheet[1], *(inches / sheet).tolist()))
-        self._draw(axes, LIGHT, _INCH_PT / (scale * _INCH_M))
-        axes.set_xlim(low[0] - pad, high[0] + pad)
-        axes.set_ylim(low[1] - pad, high[1] + pad)
+        self._draw(axes, LIGHT, pad)
         title = f"{self.title}\n1:{scale}, cut {self.cut_m:.2f} m above the floor"
         axes.set_title(title, fontsize=9, loc="left", color=LIGHT.ink, parse_math=False)
         _draw_scale_bar(figure, sheet, left, scale)
         return figure
 
-    def _draw(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
-        """Draw all but the frame of it, about so many points a metre."""
+    def _draw(self, axes: Axes, theme: Theme, pad: float) -> int:
+        """Draw all, with `pad` metres around it, and return how many labels found no room."""
         for areas, colour, pattern in self.fills:
             axes.add_collection(
                 PathCollection(areas, facecolors=colour, edgecolors="white", hatch=pattern, linewidths=0)
@@ -329,48 +272,41 @@ class StoreyPlan:
         draw_zones(axes, theme, self.zones)
         for _, place in self.given:
             axes.plot(*place, "s", markersize=_SQUARE_PT, color=theme.ink, fillstyle="none", zorder=4)
+        strokes = list[FloatArray]()
         for _, place, headings in self.stations:
             for heading in headings:
                 turn = np.radians(heading)
                 end = place + _HEADING_M * np.array([np.sin(turn), np.cos(turn)])
-                axes.plot(*np.stack([place, end]).T, color=theme.inferred, linewidth=0.8, zorder=4)
+                strokes.append(np.stack([place, end]))
+                axes.plot(*strokes[-1].T, color=theme.inferred, linewidth=0.8, zorder=4)
             axes.plot(*place, "o", markersize=_DOT_PT, color=theme.inferred, zorder=5)
-        self._draw_labels(axes, theme, metre_pt)
-        axes.set_aspect("equal")
-        axes.set_xlabel("x, m")
-        axes.set_ylabel("y, m")
-        axes.grid(visible=False)
+        _set_frame(axes, *self.extent(), pad)
         _draw_north(axes, theme)
+        return write_labels(axes, self._labels(theme), [*self.outline, *self.ways, *strokes])
 
-    def _draw_labels(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
-        """Write the names of rooms clear of the stations, and numbers beside these clear of all of it."""
-        ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
-        signs = [(text, place, theme.inferred) for text, place, _ in self.stations]
-        signs += [(text, place, theme.ink) for text, place in self.given]
-        dots = np.array([place for _, place, _ in signs]).reshape(-1, 2) * metre_pt
-        taken = boxes(dots, np.full_like(dots, _DOT_PT))
-        names, numbers = [text for text, _ in self.rooms], [text for text, *_ in signs]
-        sizes = np.array([_size_pt(text, _NAME_PT) for text in names]).reshape(-1, 2)
-        middles = around(np.array([place for _, place in self.rooms]).reshape(-1, 2) * metre_pt, sizes, taken)
-        for text, (x, y) in zip(names, (middles / metre_pt).tolist(), strict=True):
-            axes.text(
-                x, y, text, ha="center", va="center", fontsize=_NAME_PT, color=theme.line,
-                bbox=ground if theme is LIGHT else None, zorder=3,
-            )  # fmt: skip
-        taken = np.concatenate([taken, boxes(middles, sizes)])
-        sizes = np.array([_size_pt(text, _NUMBER_PT) for text in numbers]).reshape(-1, 2)
-        middles = beside(dots, sizes, _DOT_PT / 2, taken)
-        for (text, _, colour), (x, y) in zip(signs, (middles / metre_pt).tolist(), strict=True):
-            axes.text(
-                x, y, text, ha="center", va="center", fontsize=_NUMBER_PT, fontweight="bold",
-                color=colour, zorder=6,
-            )  # fmt: skip
+    def _labels(self, theme: Theme) -> list[Label]:
+        """Numbers of stations and scans beside their signs, and names of rooms."""
+        ground = "white" if theme is LIGHT else None
+        labels = [
+            Label(text, place, theme.inferred, _NUMBER_PT, _DOT_PT, is_bold=True)
+            for text, place, _ in self.stations
+        ]
+        labels += [
+            Label(text, place, theme.ink, _NUMBER_PT, _SQUARE_PT, is_bold=True) for text, place in self.given
+        ]
+        return labels + [
+            Label(text, place, theme.line, _NAME_PT, ground=ground) for text, place in self.rooms
+        ]
 
 
-def _size_pt(text: str, font_pt: float) -> tuple[float, float]:
-    """About how wide and how high a text is, points."""
-    lines = text.split("\n")
-    return _WIDE * font_pt * max(map(len, lines)), _HIGH * font_pt * len(lines)
+def _set_frame(axes: Axes, low: FloatArray, high: FloatArray, pad: float) -> None:
+    """Let a plan fill axes to scale, `pad` metres around it."""
+    axes.set_aspect("equal")
+    axes.set_xlim(low[0] - pad, high[0] + pad)
+    axes.set_ylim(low[1] - pad, high[1] + pad)
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+    axes.grid(visible=False)
 
 
 def sheets_pdf(plans: Sequence[StoreyPlan]) -> bytes:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from completion.parts.dimensions.dimension import PartDimension, PartDimensions
 from completion.parts.dimensions.table import symbol_text
 from nbv.report.figures.drawing import MeshDrawing, SeenFaces
-from nbv.report.figures.floor_plan import beside, boxes
+from nbv.report.figures.labels import beside, boxes
 from nbv.report.figures.picture import Camera, Picture, height_colours, overview_cameras, picture_of
 from nbv.report.figures.plots import Theme, drawn_plot
 from scenes.checks import BoolArray, FloatArray, IntArray

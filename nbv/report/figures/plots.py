@@ -20,7 +20,6 @@ from nbv.report.figures.picture import Picture
 from scenes.checks import FloatArray
 
 _DPI = 180
-_ABOVE_LEGEND = 27  # per cent of the area: above the names of four other planners
 _DASHES = ((1, 1.5), (4, 1.5), (6, 1.5, 1, 1.5), (10, 2))  # of other planners' curves
 _LAST_STEP = 0.6  # views that the last of stacked steps is wide
 
@@ -90,9 +89,8 @@ def coverage_curve(
             axes.plot(steps, 100 * np.array([start, *curve]), color=theme.faint, linewidth=1.2, dashes=dashes,
                       label=name)  # fmt: skip
         if others:
-            axes.legend(
-                loc="lower right", frameon=False, fontsize=7.5, handlelength=2.6, labelcolor=theme.ink
-            )
+            axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=7.5,
+                        handlelength=2.6, borderaxespad=0.2, labelcolor=theme.ink)  # fmt: skip
         axes.step(views, share, where="post", color=theme.line, linewidth=2)
         axes.plot(views[1:], share[1:], "o", color=theme.line, markersize=3.2 if len(met) <= 60 else 0)
         last = max(len(met), bound or 0, 1)
@@ -104,7 +102,7 @@ def coverage_curve(
             axes.axvline(bound, color=theme.faint, linewidth=1, linestyle=":")
             right = bound > 0.5 * last
             axes.annotate(
-                f"the target takes {bound} or more", (bound, _ABOVE_LEGEND if others else 4),
+                f"the target takes {bound} or more", (bound, 4),
                 xytext=(-4 if right else 4, 0), ha="right" if right else "left",
                 textcoords="offset points", color=theme.faint, fontsize=8,
             )  # fmt: skip

@@ -345,6 +345,7 @@ def _marker(marker: Marker, origin: FloatArray) -> dict[str, Any]:
         "at": (marker.origin - origin).tolist(),
         "axes": marker.axes.tolist(),
         "slope": None if marker.slope is None else [float(tangent) for tangent in marker.slope],
+        "cone": marker.is_cone,
         "colour": None if marker.colour is None else _bytes(marker.colour),
         "step": marker.is_step,
     }

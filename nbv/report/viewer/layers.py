@@ -167,14 +167,15 @@ class Marker:
     """A station at `origin` (3,), world, metres; rows of `axes` (3, 3) are right, down, forward.
 
     Its name is the number of a view, or the letter of a scan that was given. `slope` holds the tangents of
-    half its field of view across and down, None for one that looks around; `colour` is None for the page's
-    ink; `is_step` tells views that are stepped through.
+    half its field of view across and down, None for one that looks around; `is_cone` tells a cone from a
+    pyramid; `colour` is None for the page's ink; `is_step` tells views that are stepped through.
     """
 
     name: str
     origin: FloatArray
     axes: FloatArray
     slope: tuple[float, float] | None
+    is_cone: bool = False
     colour: Colour | None = None
     is_step: bool = True
 

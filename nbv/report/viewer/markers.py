@@ -11,18 +11,45 @@ from nbv.plan.tour import Tour
 from nbv.report.figures.picture import UNKNOWN
 from nbv.report.viewer.layers import Colour, Lines, Marker
 from nbv.run.wording import letters
+from nbv.scanning.sensor import PinholeSensor, Sensor
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
+from scenes.scan.range_image import RangeImage
 
 _OPENING, _WAY = (0.10, 0.55, 0.45), (0.70, 0.42, 0.0)
 _AROUND = np.radians(150.0)  # a field of view from here on is drawn as a ring
 _BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
 
-def slope_of(projection: Projection) -> tuple[float, float] | None:
+Look = Projection | Sensor
+"""What tells a field of view: a sensor, or of a scan the geometry of its pixels."""
+
+
+def projection_of(look: Look) -> Projection:
+    """Return the geometry of the pixels."""
+    return look.projection if isinstance(look, Sensor) else look
+
+
+def is_cone(look: Look) -> bool:
+    """Tell whether a field of view is a cone, not a pyramid."""
+    return isinstance(look, PinholeSensor) and look.aperture == "circular"
+
+
+def look_of_scan(scan: RangeImage, sensor: Sensor | None) -> Look:
+    """Return what tells the field of view of a scan: `sensor` where that took it, else its pixels."""
+    if sensor is None or sensor.projection.shape != scan.shape:
+        return scan.projection
+    return sensor if scan.sensor == sensor.name else scan.projection
+
+
+def slope_of(look: Look) -> tuple[float, float] | None:
     """Tangents of half the field of view across and down; None for one that looks around."""
+    if isinstance(look, PinholeSensor) and look.aperture == "circular":
+        tangent = float(np.tan(np.radians(look.fov_deg) / 2))
+        return tangent, tangent
+    projection = projection_of(look)
     if isinstance(projection, PinholeProjection):
         return projection.width / (2 * projection.fx), abs(projection.height / (2 * projection.fy))
     if isinstance(projection, SphericalProjection):
@@ -33,34 +60,33 @@ def slope_of(projection: Projection) -> tuple[float, float] | None:
 
 
 def view_markers(
-    poses: Sequence[Pose], projections: Sequence[Projection], colours: Sequence[Colour | None] = ()
+    poses: Sequence[Pose], looks: Sequence[Look], colours: Sequence[Colour | None] = ()
 ) -> tuple[Marker, ...]:
     """Views, numbered from 1."""
     colours = list(colours) or [None] * len(poses)
     return tuple(
-        _marker(str(number), pose, projection, colour)
-        for number, (pose, projection, colour) in enumerate(zip(poses, projections, colours, strict=True), 1)
+        _marker(str(number), pose, look, colour)
+        for number, (pose, look, colour) in enumerate(zip(poses, looks, colours, strict=True), 1)
     )
 
 
 def given_markers(
-    poses: Sequence[Pose], projections: Sequence[Projection], *, are_steps: bool = False
+    poses: Sequence[Pose], looks: Sequence[Look], *, are_steps: bool = False
 ) -> tuple[Marker, ...]:
     """Scans that had been there before, with letters as on the floor plan."""
     return tuple(
-        _marker(letters(number), pose, projection, UNKNOWN, is_step=are_steps)
-        for number, (pose, projection) in enumerate(zip(poses, projections, strict=True))
+        _marker(letters(number), pose, look, UNKNOWN, is_step=are_steps)
+        for number, (pose, look) in enumerate(zip(poses, looks, strict=True))
     )
 
 
-def _marker(
-    name: str, pose: Pose, projection: Projection, colour: Colour | None, *, is_step: bool = True
-) -> Marker:
+def _marker(name: str, pose: Pose, look: Look, colour: Colour | None, *, is_step: bool = True) -> Marker:
     return Marker(
         name=name,
         origin=pose.translation,
         axes=pose.rotation.T,
-        slope=slope_of(projection),
+        slope=slope_of(look),
+        is_cone=is_cone(look),
         colour=colour,
         is_step=is_step,
     )

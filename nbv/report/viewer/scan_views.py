@@ -39,13 +39,15 @@ from nbv.report.viewer.layers import (
     deviation_channel,
     incidence_channel,
 )
-from nbv.report.viewer.markers import given_markers, opening_lines, view_markers, zone_lines
+from nbv.report.viewer.markers import given_markers, look_of_scan, opening_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE
+from nbv.report.viewer.unknown_layer import INFERRED, MEASURED, STATES, unknown_layer
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import with_known_noise
-from nbv.scans.state_mesh import FRONTIER, SEEN_WORSE, SHADOW, STATES, StateMesh
+from nbv.scans.state_mesh import FRONTIER, SEEN_WORSE, SHADOW, StateMesh
 from nbv.scans.state_mesh import INFERRED as STATE_INFERRED
+from nbv.scans.state_mesh import STATES as SCAN_STATES
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
@@ -56,8 +58,6 @@ from scenes.run.mapping import trim
 from scenes.scan.colour import surface_rgb
 from scenes.scan.range_image import RangeImage
 
-MEASURED = Category("measured", picture.MEASURED)
-INFERRED = Category("inferred", picture.INFERRED)
 _BLOCK = 1 << 16  # faces whose sightings are found together
 _PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6, 10, 9)  # of `Provenance`, numbers in the palette of surfaces
 
@@ -173,7 +173,7 @@ def completion_view(
         ),
         (
             "inferred",
-            "hypothesised (inferred)",
+            "inferred",
             of([part for part in textured if part.provenance != Provenance.MEASURED]),
         ),
     )
@@ -184,6 +184,7 @@ def completion_view(
         _layer(key, label, pieces, names=names, most_sd=most_sd, atlas=atlas, scans=scans)
         for key, label, pieces in groups
     ]
+    layers.append(unknown_layer(completion, names))
     return Viewer(
         "The completed model.",
         tuple(layer for layer in layers if len(layer.faces)),
@@ -290,7 +291,7 @@ def _layer(
     """Pieces as a layer with their values."""
     is_inferred, n = key == "inferred", len(pieces.faces)
     channels: list[Classes | Numbers] = [
-        Classes("state", "State", (MEASURED, INFERRED), np.full(n, int(is_inferred), np.uint16)),
+        Classes("state", "State", STATES, np.full(n, int(is_inferred), np.uint16)),
         Classes("provenance", "Provenance", provenance_categories(), pieces.provenance),
         deviation_channel(1000 * pieces.sd, 1000 * most_sd),
     ]
@@ -323,11 +324,11 @@ def _names(completion: CompletedModel) -> tuple[Category, ...]:
 
 
 _CATEGORIES = (
-    Category(STATES[0], picture.MEASURED),
-    Category(STATES[1], PALE),
+    Category(SCAN_STATES[0], picture.MEASURED),
+    Category(SCAN_STATES[1], picture.MODELLED, "dotted"),
     INFERRED,
-    Category(STATES[SHADOW], picture.UNKNOWN, "hatched"),
-    Category(STATES[FRONTIER], (0.86, 0.86, 0.84), "dotted"),
+    Category(SCAN_STATES[SHADOW], picture.UNKNOWN, "hatched"),
+    Category(SCAN_STATES[FRONTIER], PALE),
 )
 _MOST_FACES = 600_000  # that were measured; edges of the unknown have as many voxels' faces as they have
 
@@ -343,10 +344,9 @@ def state_view(
 ) -> Viewer:
     """Return the view of what scans say of a place, with the next stations and the sensor there."""
     scans = coverage.scan_map.scans
-    given = given_markers(
-        [s.world_from_sensor for s in scans], [s.projection for s in scans], are_steps=not poses
-    )
-    following = view_markers(poses, [sensor.projection] * len(poses)) if sensor is not None else ()
+    looks = [look_of_scan(scan, sensor) for scan in scans]
+    given = given_markers([scan.world_from_sensor for scan in scans], looks, are_steps=not poses)
+    following = view_markers(poses, [sensor] * len(poses)) if sensor is not None else ()
     layers = (_measured_layer(coverage, state), _inferred_layer(coverage, state), *_state_edges(state))
     single = is_single_camera(list(scans))
     return Viewer(
@@ -390,7 +390,7 @@ def _inferred_layer(coverage: ScanCoverage, state: StateMesh) -> Layer:
             deviation_channel(sd, float(sd.max())),
             confidence_channel(likely),
         )
-    named = ("inferred", "hypothesised (inferred)")
+    named = ("inferred", "inferred")
     return Layer(*named, state.mesh.vertices, faces, INFERRED, channels=channels)
 
 
@@ -398,8 +398,8 @@ def _state_edges(state: StateMesh) -> tuple[Layer, ...]:
     """Where the unknown begins: edges of shadows; the frontier, which hides much, is not shown at first."""
     layers = []
     for key, label, value in (
-        ("unseen", "unseen: edges of shadows", SHADOW),
-        ("frontier", "frontier", FRONTIER),
+        ("unseen", "unknown: edges of shadows", SHADOW),
+        ("frontier", "unknown: frontier", FRONTIER),
     ):
         faces = _faces(state, state.mesh.face_surface == value)
         drawn = (state.mesh.vertices, faces, _CATEGORIES[value])

@@ -8,8 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from completion import CompletionOptions, complete
-from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
-from completion.room.pipeline import find_room
+from completion.room.pipeline import estimate_up
 from nbv import PinholeSensor, scan_scene
 from nbv.cli import app
 from nbv.report.completion_report import scans_of
@@ -18,17 +17,9 @@ from scenes.checks import InputError
 from scenes.inclination import AXES, Up, axis_direction
 from scenes.io.scan_files import read_scans, write_scan
 from scenes.io.scan_request import ScanRequest, read_request
-from scenes.run.journal import NO_JOURNAL
-from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage
 from tests.helpers.data_paths import data_path, requires_data
 from tests.helpers.long_cases import first_in_gate
-
-
-def estimate(scans: list[RangeImage]) -> Up:
-    with Steps.over([scan.ranges.size for scan in scans], 1, None, NO_JOURNAL) as steps:
-        up, _ = find_room(find_surfaces(scans, SurfaceOptions(), steps), scans[0].world_from_sensor)
-        return up
 
 
 def lying(up: str) -> Pose:
@@ -54,7 +45,7 @@ def test_drawings_are_turned_so_that_up_is_z(up: str) -> None:
 @pytest.mark.parametrize("up", first_in_gate(2, AXES))
 @pytest.mark.parametrize("target", [(3.0, 3.0, 1.0), (3.0, 2.0, 0.2), (3.0, 3.0, 1.6)])
 def test_cameras_tell_up_in_any_world(up: str, target: tuple[float, float, float]) -> None:
-    found = estimate([camera(target).transform(lying(up))])
+    found = estimate_up([camera(target).transform(lying(up))])
     assert found.is_decided
     assert found.direction @ axis_direction(up) > np.cos(np.radians(1.0))
     assert (found.word == "") == (up == "z")
@@ -63,7 +54,7 @@ def test_cameras_tell_up_in_any_world(up: str, target: tuple[float, float, float
 def test_a_camera_that_looks_down_stays_where_it_is() -> None:
     """As of a single depth image: y is down and tilted, for the camera looked down by 25 degrees."""
     scan = camera((3.0, 3.0, 0.0)).with_facts(world_from_sensor=Pose.identity())
-    found = estimate([scan])
+    found = estimate_up([scan])
     heights = scan.points()[scan.valid] @ found.direction
     lowest, count = np.unique(np.round(heights, 2), return_counts=True)
     assert lowest[np.argmax(count)] == pytest.approx(-1.6, abs=0.02)  # the floor, below the camera
@@ -75,7 +66,7 @@ def test_without_level_surface_the_camera_decides() -> None:
     blind = RangeImage(
         np.where(np.arange(72)[:, None] < 70, np.inf, scan.ranges), scan.projection, Pose.identity()
     )
-    found = estimate([blind])
+    found = estimate_up([blind])
     assert found.direction @ [0.0, -1.0, 0.0] > 0.6
     assert not found.is_decided
     assert "undecided" in found.word
@@ -95,7 +86,7 @@ def test_points_without_a_grid_may_lie(up: str, tmp_path) -> None:
     np.savetxt(tmp_path / "room.xyz", turn.apply(stood + reach[:, None] * rays))
     place = tuple(float(c) for c in turn.apply(stood[None])[0])
     request = ScanRequest((str(tmp_path / "room.xyz"),), origins=(place,), up="auto")
-    found = estimate(list(read_request(request).scans))
+    found = estimate_up(list(read_request(request).scans))
     is_right = found.direction @ axis_direction(up) > np.cos(np.radians(1.0))
     assert is_right or not found.is_decided
 
@@ -144,7 +135,7 @@ REAL = {
 @pytest.mark.parametrize("name", first_in_gate(2, REAL))
 def test_up_of_real_scans(name: str) -> None:
     up, camera = REAL[name]
-    found = estimate(read_scans(data_path(f"range/{name}"), **camera))  # type: ignore[arg-type]
+    found = estimate_up(read_scans(data_path(f"range/{name}"), **camera))  # type: ignore[arg-type]
     angle = np.degrees(np.arccos(np.clip(found.direction @ up / np.linalg.norm(up), -1, 1)))
     assert angle < 2.5
     assert found.is_decided
@@ -164,7 +155,7 @@ def test_cameras_held_in_all_ways_leave_up_undecided_without_level_surface() -> 
     scan = camera((3.0, 3.0, 1.6))
     upside = Pose.from_parts(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
     blind = RangeImage(np.full(scan.shape, np.inf), scan.projection, Pose.identity())
-    found = estimate([blind, blind.with_facts(world_from_sensor=upside)])
+    found = estimate_up([blind, blind.with_facts(world_from_sensor=upside)])
     assert np.isfinite(found.direction).all()
     assert not found.is_decided
 

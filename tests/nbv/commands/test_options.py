@@ -45,7 +45,7 @@ DOCUMENTED = {
     "fit": "shape=auto metric=euclidean robust rays origin radius axis between export units=m",
     "part": "relations=auto noise ignore-labels preferred=tell flatten export units=m",
     "feature": "find given evaluations=200000 origin intrinsics depth-scale poses trajectory units=m up=auto",
-    "register": "upright start check level=0.01 origin intrinsics depth-scale units=m up",
+    "register": "upright start check level=0.01 origin intrinsics depth-scale units=m up=auto",
     "info": "up units=m intrinsics depth-scale trajectory",
     "warm": "",
 }

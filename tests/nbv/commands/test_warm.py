@@ -73,7 +73,7 @@ def test_warming_calls_every_stage(tmp_path, monkeypatch):
         monkeypatch.setattr(warm, name, lambda shared, *_, **__: called.append(shared.out.name))
     warm.warm_completion(tmp_path)
     warm.warm_planning(tmp_path)
-    assert called == ["scan.npz", "completed", "grown.png", "nbv", "cover"]
+    assert called == ["scan.npz", "completed", "grown.png", "nbv", "online-frontier", "cover"]
 
 
 def test_the_gate_warms_where_sources_changed_and_the_demo_does_not():

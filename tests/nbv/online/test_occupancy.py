@@ -8,6 +8,7 @@ import pytest
 
 from nbv.online.gain import best_view, cell_directions, cell_of
 from nbv.online.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, UNSEEN, VoxelMap
+from nbv.online.possible_solid import PossibleSurface
 from nbv.online.targets import GainOptions, find_targets
 from nbv.online.voxels import Surfels, VoxelGrid, image_normals
 from nbv.scanning.scanner import scan_scene
@@ -16,7 +17,6 @@ from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
-from scenes.rays.raycast import RayCaster
 from scenes.world.scene import Scene
 
 SENSOR = PinholeSensor(fov_deg=90, width=200, height=200, max_range_m=20)
@@ -165,7 +165,8 @@ def test_normals_do_not_reach_across_jump_edges():
     assert (error > 25).mean() < 0.005
     empty = scan_scene(squares((-1.0, 1.0)), AHEAD, SENSOR)
     assert np.isnan(image_normals(empty, 0.06).cosine).all()
-    assert len(Surfels.of_scan(empty, VoxelGrid.around(VOLUME)).keys) == 0
+    grid = VoxelGrid.around(VOLUME)
+    assert len(Surfels.of_image(image_normals(empty, grid.voxel_m / 2), grid).keys) == 0
 
 
 def test_free_positions_need_known_empty_space():
@@ -191,11 +192,12 @@ def test_boundary_of_one_empty_voxel_is_a_cube():
 
 
 def targets_of(voxels: VoxelMap, attempts, options: GainOptions):
-    return find_targets(voxels, voxels.boundary(), required_cosine=0.5, attempts=attempts, options=options)
+    surface = PossibleSurface.of(voxels)
+    return find_targets(voxels, surface, required_cosine=0.5, attempts=attempts, options=options)
 
 
 def gain_from(voxels: VoxelMap, position: tuple[float, float, float], options: GainOptions) -> float:
-    boundary = RayCaster(*voxels.boundary().triangles(voxels.grid.voxel_m))
+    boundary = PossibleSurface.of(voxels).ray_caster()
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     targets = targets_of(voxels, attempts, options)
     wide = PinholeSensor(fov_deg=150, width=9, height=9, max_range_m=20)
@@ -209,10 +211,11 @@ def test_quality_gain_counts_what_was_seen_too_flat():
         np.array([[0, -9, -1.0], [9, -9, -1.0], [9, 9, -1.0], [0, 9, -1.0]]), np.array([[0, 1, 2], [0, 2, 3]])
     )
     voxels = seen_once(Scene(flat, (None,), ("floor",), "floor"))
-    poor = voxels.surfels.quality < 0.5
-    assert (np.linalg.norm(voxels.surfels.points[poor, :2], axis=1) > 1.6).all()
     only_quality = GainOptions(occplane_weight=0.0)
-    total = voxels.surfels.areas[poor].sum()
+    poor = targets_of(voxels, np.zeros((2, voxels.grid.n_voxels), np.int32), only_quality)
+    beyond = np.linalg.norm(poor.points[:, :2], axis=1) > 1.6  # 60 deg are 1.73 m from below the sensor
+    assert poor.worth_m2[beyond].sum() > 0.95 * poor.worth_m2.sum()  # the rest borders on what nobody saw
+    total = poor.worth_m2.sum()
     gain = gain_from(voxels, (1.5, 0.0, 1.2), only_quality)
     assert 0.3 * total < gain <= total * 1.000001
     assert gain_from(voxels, (1.5, 0.0, 1.2), GainOptions(occplane_weight=0.0, quality_weight=2.0)) == (

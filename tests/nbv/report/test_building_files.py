@@ -156,7 +156,7 @@ def test_report_shows_each_storey(made):
     page = plan_page(scene, plan, plan.coverage, 1).to_html()
     for storey in (1, 2):
         assert f"Storey {storey}." in page
-    assert "walls are cut 1.50 m above the floor" in page
+    assert "Walls are cut 1.50 m above the floor" in page
 
 
 @pytest.mark.long

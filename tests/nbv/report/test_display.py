@@ -15,9 +15,11 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv import show
 from nbv.plan.plan import Plan, read_plan
+from nbv.report.coverage_report import noun_of
 from nbv.run.wording import percent_within
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import SphericalSensor, View
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
+from nbv.scanning.sensor_profile import load_sensor
 from scenes.checks import InputError
 from scenes.pose import Pose
 from tests.helpers.completion_examples import example
@@ -79,9 +81,19 @@ def test_a_plan_that_was_read_is_measured_again(opened, plan, scene, tmp_path):
 def test_a_coverage_is_shown_with_scene_and_stations(opened, coverage, scene, view):
     html = read_opened(opened, coverage.show(scene, [view], n_threads=1))
     met = percent_within(coverage.met, coverage.standard_errors()["met"])
-    assert f"1 station measures {met} %" in html.replace("\xa0", " ")
+    assert f"1 view measures {met} %" in html.replace("\xa0", " ")
     again = coverage.show(scene, [view], n_threads=2)
     assert again.read_bytes() == html.encode("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("sensor", "noun"),
+    [(PinholeSensor(fov_deg=60, aperture="circular"), "view"), (load_sensor("panorama"), "station")],
+)
+def test_only_what_looks_around_is_called_a_station(scene, sensor, noun):
+    pose = Pose.looking_at((0.5, 0.5, 1.5), (3.0, 2.5, 1.0))
+    assert noun_of([View(pose, sensor)] * 2) == noun
+    assert noun_of([scan_scene(scene, View(pose, PinholeSensor(width=8, height=8)), rng=0)]) == "scan"
 
 
 def test_a_coverage_by_scans_is_shown(opened, coverage, scene, view):

@@ -2,6 +2,7 @@
 """Reports in a real browser: the 3-D view draws, its controls work, nothing is loaded, nothing breaks."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,23 @@ import pytest
 from PIL import Image
 
 from nbv.inspection.checking import CheckedDesign
+from nbv.report.blocks.page import Page, PageSection
 from nbv.report.check_report import check_page
+from nbv.report.viewer.layers import Classes, Layer
 from tests.helpers.browser import Browser, needs_chromium
-from tests.helpers.view_examples import EVIL, FEW, KINDS, UTM, known_page, report_page
+from tests.helpers.long_cases import first_in_gate
+from tests.helpers.view_examples import (
+    EVIL,
+    FEW,
+    KINDS,
+    MEASURED,
+    UNKNOWN,
+    UTM,
+    floor,
+    known_page,
+    known_view,
+    report_page,
+)
 from tests.nbv.inspection.checks import example_check
 
 pytestmark = needs_chromium
@@ -320,6 +335,69 @@ def save(tab, folder, name):
         Image.fromarray(tab.pixels("figure.view")).save(folder / f"{name}-view.png")
     tab.run("scrollTo(0, 0)")
     tab.whole(folder / f"{name}.png")
+
+
+def page_with(view):
+    return Page("Test", "Test", "Test", (), None, (PageSection("View", (view,)),), {}, 0)
+
+
+@pytest.mark.parametrize("kind", first_in_gate(1, ["next-stations", "completion", "coverage", "check"]))
+def test_no_table_is_cut_off_on_a_screen_or_on_paper(browser, tmp_path, kind):
+    report_page(kind).write(tmp_path / "report.html")
+    wide = (
+        "[...document.querySelectorAll('.scroll')]"
+        ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1)"
+        ".map(e => e.innerText.slice(0, 60))"
+    )
+    for media, width in (("screen", 1240), ("print", 680)):  # A4 within its margins
+        tab = browser.open(tmp_path / "report.html", width, 900)
+        tab.call("Emulation.setEmulatedMedia", media=media)
+        assert tab.run("document.querySelectorAll('.scroll').length") > 0
+        assert tab.run(wide) == []
+        tab.close()
+
+
+def test_names_of_near_stations_do_not_cover_each_other(browser, tmp_path):
+    view = known_view()
+    places = np.random.default_rng(0).uniform([0, 0, 1], [5, 2, 2], (60, 3))
+    markers = [replace(view.markers[0], name=str(k), origin=UTM + at) for k, at in enumerate(places, start=1)]
+    page_with(replace(view, markers=tuple(markers))).write(tmp_path / "dense.html")
+    tab = browser.open(tmp_path / "dense.html", 640, 520)
+    tab.wait_for(IS_LIVE)
+    tab.pixels("canvas")
+    rectangles = np.array(
+        tab.run(
+            "[...document.querySelectorAll('.view-labels span')].map(e => e.getBoundingClientRect())"
+            ".map(b => [b.left, b.top, b.right, b.bottom])"
+        )
+    )
+    assert len(rectangles) > 15
+    low = np.maximum(rectangles[:, None, :2], rectangles[None, :, :2])
+    high = np.minimum(rectangles[:, None, 2:], rectangles[None, :, 2:])
+    common = np.maximum(high - low, 0).prod(axis=2)
+    np.fill_diagonal(common, 0)
+    assert common.max() == 0
+    assert tab.complaints() == []
+    tab.close()
+
+
+def test_what_is_unknown_is_shown_in_its_colour_and_hidden(browser, tmp_path):
+    view = known_view()
+    corners, faces = floor(6.0)
+    state = Classes("state", "State", (MEASURED, UNKNOWN), np.ones(2, np.uint16))
+    unknown = Layer("unknown", "unknown: hidden, not inferred", corners, faces, UNKNOWN, channels=(state,))
+    page_with(replace(view, layers=(*view.layers, unknown))).write(tmp_path / "unknown.html")
+    tab = browser.open(tmp_path / "unknown.html", 640, 520)
+    tab.wait_for(IS_LIVE)
+    middle = (7.0, 1.0, 0.0)
+    assert is_orange(colour_at(tab, middle))
+    switch(tab, "unknown")
+    assert not is_orange(colour_at(tab, middle))
+    switch(tab, "unknown")
+    tab.run("document.querySelector('input[type=radio][value=quality]')?.click()")
+    assert is_orange(colour_at(tab, middle))  # also where another channel says nothing of it
+    assert tab.complaints() == []
+    tab.close()
 
 
 def test_elements_of_a_check_are_chosen_by_verdict_storey_and_class(browser, tmp_path):

@@ -13,14 +13,16 @@ from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.tour import Leg, Tour
 from nbv.report.blocks.coverage_tables import fields_of, outline_of, place_cells, scans_table
+from nbv.report.figures import picture
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.picture import best_side, overview_cameras
 from nbv.report.figures.plots import coverage_curve
 from nbv.report.figures.surface_values import cut_finely, fine_coverage
 from nbv.report.viewer.layers import Category, Layer, best_camera, focus
 from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_lines, view_markers, zone_lines
-from nbv.report.viewer.scan_views import completion_view, find_occluders, state_view
+from nbv.report.viewer.scan_views import _CATEGORIES, completion_view, find_occluders, state_view
 from nbv.report.viewer.scene_view import near_hull, scene_view
+from nbv.report.viewer.unknown_layer import unknown_part
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from nbv.scans.next_stations import plan_next_stations
@@ -170,6 +172,43 @@ def test_incidence_on_measured_surface_is_that_of_the_scan(completion):
     assert found[known] == pytest.approx(np.degrees(np.arccos(np.clip(cosine, 0, 1)))[known], abs=0.1)
 
 
+def test_what_is_unknown_is_a_layer_of_its_own_beside_measured_and_inferred(completion):
+    """Hidden, neither measured nor inferred: no cell of it is of another state, and all are in one colour."""
+    view = completion_view(completion, is_room=False)
+    layers = {layer.key: layer for layer in view.layers}
+    unknown = layers["unknown"]
+    assert len(unknown.faces)
+    assert unknown.paint.colour == picture.UNKNOWN
+    assert unknown.paint.pattern == "hatched"
+    assert unknown.skin is None
+    states = {}
+    for key, layer in layers.items():
+        here = channel(layer, "state")
+        states[key] = {here.categories[k].label for k in np.unique(here.values)}
+    assert states.pop("unknown") == {"unknown"}
+    assert states.pop("inferred") == {"inferred"}
+    assert set.union(*states.values()) == {"measured"}
+    area = 0.0
+    for number, patch in enumerate(completion.patches, start=1):
+        part = unknown_part(patch)
+        area += area_of(part.vertices[part.faces]).sum()
+        cells = np.zeros(patch.grid.shape, np.bool_)
+        middles = part.vertices[part.faces].mean(axis=1)
+        cells.ravel()[patch.grid.cells_of(middles)[1]] = True
+        assert not (cells & (patch.observed | patch.hypothesised)).any(), number
+        assert not (cells & patch.evidence.open).any(), number
+    assert area_of(unknown.vertices[unknown.faces]).sum() == pytest.approx(area)
+
+
+def test_states_of_scans_are_coloured_by_family():
+    """Grey is measured, blue inferred, amber unknown: none has the colour of another."""
+    greys, blue, ambers = _CATEGORIES[:2], _CATEGORIES[2], _CATEGORIES[3:]
+    assert all(np.ptp(category.colour) < 0.03 for category in greys)
+    assert blue.colour[2] - blue.colour[0] > 0.5
+    assert all(category.colour[0] - category.colour[2] > 0.25 for category in ambers)
+    assert len({(category.colour, category.pattern) for category in _CATEGORIES}) == len(_CATEGORIES)
+
+
 @pytest.mark.long
 def test_scans_without_a_model_show_what_is_measured_and_where_the_unknown_begins():
     scans = [scan_scene(ROOM, View(Pose.looking_at((1, 1, 1.5), (5, 4, 1.2)), AROUND), rng=0, name="first")]
@@ -205,6 +244,19 @@ def test_fields_of_view_from_above():
     assert np.abs(patch).max() == pytest.approx(2 * np.sin(np.radians(30)), abs=0.05)
     (circle,) = fields_of([level], [SphericalSensor(width=90, height=45).projection], 2.0)
     assert np.linalg.norm(circle, axis=1).min() > 1.9
+
+
+def test_the_field_of_view_of_a_cone_is_round():
+    cone = PinholeSensor(fov_deg=60, width=101, height=101, aperture="circular")
+    pyramid = replace(cone, aperture="square")
+    up = Pose.looking_at((0, 0, 1), (1e-6, 0, 5))
+    disc, square = fields_of([up, up], [cone, pyramid], 2.0)
+    assert np.linalg.norm(disc, axis=1).min() == pytest.approx(2 * np.sin(np.radians(30)), rel=0.02)
+    assert np.linalg.norm(disc, axis=1).max() == pytest.approx(2 * np.sin(np.radians(30)), rel=1e-6)
+    assert np.linalg.norm(square, axis=1).max() > 1.1 * np.linalg.norm(disc, axis=1).max()
+    marker, other = view_markers([up, up], [cone, pyramid])
+    assert (marker.is_cone, other.is_cone) == (True, False)
+    assert marker.slope == pytest.approx((np.tan(np.radians(30)),) * 2)
 
 
 def test_the_floor_plan_draws_fields_and_the_curve_other_planners():

@@ -20,9 +20,10 @@ from nbv.cli import app
 from nbv.cover.pipeline import CoverOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.plan.plan import read_plan
-from nbv.plan.planning import Method, plan_views
+from nbv.plan.planning import plan_views
 from nbv.plan.problem import RemoteVisibility, SharedArrays
 from nbv.run.manifest import versions
+from nbv.run.plan_options import Method
 from nbv.run.workers import ThisProcess, _check_versions, cluster
 from nbv.scanning.sensor import PinholeSensor
 from nbv.study.archive import RecordArchive
@@ -193,7 +194,7 @@ def test_baselines_that_choose_blindly_follow_their_seed():
 def test_baselines_refuse_what_they_cannot():
     with pytest.raises(InputError, match="nbv or cover, not of random"):
         planned("random", infer=True)
-    with pytest.raises(InputError, match="method must be one of nbv, cover, greedy"):
+    with pytest.raises(InputError, match="method must be one of nbv, cover, online:frontier"):
         planned("best")
 
 
