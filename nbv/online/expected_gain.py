@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Expected gain: how much new surface a view into unknown space is expected to find.
+"""Expected gain: how probably a view into unknown space finds new surface.
 
-A ray is followed through the voxels, and may meet surface where:
+A line of sight is followed through the voxels, and may meet surface where:
 
 * it crosses inferred surface: with its confidence, and not new, where that is large enough to count;
 * it crosses where a measured surface may go on unseen, with a probability by how far that is from what was
@@ -32,8 +32,6 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled
 
-import os
-POWER = float(os.environ.get("POWER", "0"))
 _CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
 DOUBTFUL = len(CONTINUED_M) + 1  # number of inferred surface that does not count
 _EMPTY, _UNKNOWN, _SKIN, _SURFACE = range(4)  # kinds of voxels; skin: unknown ones beside known surface
@@ -198,7 +196,7 @@ class ExpectedGain:
             position, offsets / near[:, None], near - space.grid.voxel_m, max_range_m, space.grid.origin,
             space.grid.shape, space.grid.voxel_m, space.kind, space.confidence, space.possible,
             space.outdoors, space.first, space.normals, self.wanted,
-            prior.rate_per_m(), prior.trust(), prior.possible(), POWER,
+            prior.rate_per_m(), prior.trust(), prior.possible(),
         )  # fmt: skip
 
 
@@ -273,7 +271,6 @@ def _expect(
     rate_per_m: FloatArray,
     trust: FloatArray,
     chances: FloatArray,
-    power: float,
 ) -> FloatArray:
     """Return how probably each ray (n, 3) finds new surface beyond `near` (n,), metres."""
     most = shape[0] + shape[1] + shape[2] + 3
@@ -296,7 +293,7 @@ def _expect(
                     slope = ray[0] * normals[at, 0] + ray[1] * normals[at, 1] + ray[2] * normals[at, 2]
                     is_rear = is_rear and slope > FLATTEST
                 if is_rear and wanted[voxel]:
-                    found[i] += left * max(begin / (near[i] + voxel_m), 1.0) ** power
+                    found[i] += left
                 is_open = False
                 break
             if confidence[voxel] > 0.0 and not was_inferred:
@@ -305,19 +302,19 @@ def _expect(
             if possible[voxel] > 0 and not was_possible:
                 meets = chances[possible[voxel]]
                 if wanted[voxel]:
-                    found[i] += left * meets * max(begin / (near[i] + voxel_m), 1.0) ** power
+                    found[i] += left * meets
                 left *= 1.0 - meets
             was_possible = possible[voxel] > 0
             if kind[voxel] == _UNKNOWN and not was_inferred and not was_possible:
                 meets = 1.0 - np.exp(-rate_per_m[side] * (end - begin))
                 if wanted[voxel]:
-                    found[i] += left * meets * max(begin / (near[i] + voxel_m), 1.0) ** power
+                    found[i] += left * meets
                 left *= 1.0 - meets
             begin = end
         last = voxels[n - 1] if n else 0
         is_open = is_open and begin <= max_range_m and abs(ray[side % 3]) >= FLATTEST_EXPECTED
         if is_open and kind[last] != _EMPTY and wanted[last] and not (was_inferred or was_possible):
-            found[i] += left * trust[side] * max(begin / (near[i] + voxel_m), 1.0) ** power
+            found[i] += left * trust[side]
     return found
 
 

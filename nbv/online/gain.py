@@ -89,13 +89,6 @@ class ViewEvaluation:
         """Return those that are chosen (n,)."""
         return ViewEvaluation(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
-    def join(self, other: ViewEvaluation) -> ViewEvaluation:
-        """Return both together."""
-        parts = [
-            np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self)
-        ]
-        return ViewEvaluation(*parts)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accumulator:
@@ -177,7 +170,6 @@ def cell_directions(n: int = _SPHERE_CELLS) -> FloatArray:
 
 _DEFAULT_GAIN = GainOptions()
 _BYTES_A_TARGET = 200  # that a thread takes for each target
-_BYTES_A_LOOK = 2_000_000  # and for the rays into unknown space
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,7 +232,7 @@ def best_view(
     sees = partial(
         seen_from, boundary=boundary, required_cosine=required_cosine, sensor=sensor, expected=expected
     )
-    with threads(_BYTES_A_TARGET * len(few) + _BYTES_A_LOOK, n_threads) as pool:
+    with threads(_BYTES_A_TARGET * len(few), n_threads) as pool:
         seen = list(pool.map(partial(sees, few), candidates.positions))
     accumulator = Accumulator.of([evaluation.offsets for evaluation in seen], candidates, sensor)
     unknown = targets.worth_m2[targets.is_unknown].sum()

@@ -269,7 +269,6 @@ def _view(
         worth_m2=worth,
         voxel=voxel,
         is_unknown=which,
-        side=np.full(len(voxel), -1),
         share=np.ones(len(voxel)),
     )
     return BestView(pose, float(worth.sum()), sees)

@@ -22,7 +22,7 @@ class GainOptions:
     Parameters
     ----------
     occplane_weight : float
-        w_v, for unknown faces; with completion `ExpectedGain` says what they are worth instead.
+        w_v, for unknown surface; with completion times the chance of new surface there (`ExpectedGain`).
     quality_weight : float
         w_q, for surface seen worse than required; 0 gives the planner that only looks for the unknown.
     modelled_weight : float

@@ -19,7 +19,7 @@ from nbv.coverage.surface_classes import (
     classify,
     shares_of,
 )
-from nbv.online.expected_gain import ExpectedGain, SurfacePrior, UnknownSpace, _cross, _directions
+from nbv.online.expected_gain import ExpectedGain, SurfacePrior, UnknownSpace, _cross
 from nbv.online.limits import REMEMBERED
 from nbv.online.occupancy import EMPTY, SEEN, UNSEEN, VoxelMap
 from nbv.online.planner import PlannerOptions
@@ -103,16 +103,23 @@ def expected_gain_of(scan, completed, prior=None):
     voxels = voxels.integrate(scan, SENSOR)
     every = np.ones(voxels.grid.n_voxels, np.bool_)
     space = UnknownSpace.of(voxels, completed)
-    return ExpectedGain(space, prior or SurfacePrior.none(), every, every), voxels
+    return ExpectedGain(space, prior or SurfacePrior.none(), every), voxels
 
 
-def worth_into_shadow(expected, position):
-    """Worth of the rays from a position to the middle of what the board hides of the wall."""
-    evaluation = expected.look(position, 30.0)
-    rays = evaluation.offsets / np.linalg.norm(evaluation.offsets, axis=1, keepdims=True)
-    onto = position + rays * (-position[1] / rays[:, 1])[:, None]
-    into = (rays[:, 1] > 0) & (np.abs(onto[:, 0]) < 0.3) & (np.abs(onto[:, 2] - 1) < 0.2)
-    return evaluation.worth_m2[into].sum()
+def chance_into_shadow(expected, position):
+    """Mean chance of the rays from a position to the middle of what the board hides of the wall.
+
+    They are asked where they enter the shadow, whose sides run from the eye over the board's edges.
+    """
+    x, z = (values.ravel() for values in np.meshgrid(np.linspace(-0.25, 0.25, 9), np.linspace(0.8, 1.2, 9)))
+    rays = np.stack([x, np.zeros_like(x), z], axis=1) - position
+    along = np.linspace(0, 1, 400)[None, :, None]
+    places = position + along * rays[:, None]
+    depth = (places[..., 1] + 3.0) / 2.0  # of the board's section, at y = -1
+    shadow = (np.abs(places[..., 0]) < 0.3 * depth) & (np.abs(places[..., 2] - 1) < 0.3 * depth)
+    first = (shadow & (places[..., 1] > -1.0)).argmax(axis=1)
+    offsets = places[np.arange(len(x)), first] - position
+    return expected.chance_behind(position, offsets, 30.0).mean()
 
 
 def test_a_shadow_before_surely_inferred_wall_promises_little(wall):
@@ -122,35 +129,32 @@ def test_a_shadow_before_surely_inferred_wall_promises_little(wall):
     prior = replace(SurfacePrior.none(), surfaces=nothing)
     sure, _ = expected_gain_of(scan, completed, prior)
     unsure, _ = expected_gain_of(scan, replace(completed, min_confidence=1.01), prior)
-    assert worth_into_shadow(sure, beside) < 0.3 * worth_into_shadow(unsure, beside)
+    assert chance_into_shadow(sure, beside) < 0.3 * chance_into_shadow(unsure, beside)
     assert sure.space.confidence.max() >= completed.min_confidence
     assert (sure.space.possible[sure.space.confidence > 0] == 0).all()
     assert not unsure.space.confidence.any()
 
 
 def test_the_rear_of_a_board_is_new_for_certain(wall):
-    """Every ray that meets it from behind counts by the face of the shadow that it enters, wholly."""
+    """Whoever looks from behind through the shadow at the measured board sees its rear."""
     _, scan, completed = wall
     zero = replace(SurfacePrior.none(), **dict.fromkeys(("surfaces", "stopped", "met"), np.zeros(6)))
     expected, _ = expected_gain_of(scan, completed, zero)
     behind = np.array([0.9, -0.4, 1.0])  # between the board and the wall
-    evaluation = expected.look(behind, 30.0)
-    solid_angles = _directions()[1]
-    onto_board = evaluation.offsets[:, 1] < 0
-    assert onto_board.sum() > 10
-    near = np.linalg.norm(evaluation.offsets[onto_board], axis=1)
-    seen = evaluation.worth_m2[onto_board] / near**2
-    assert seen == pytest.approx(solid_angles[np.abs(solid_angles - seen[:, None]).argmin(axis=1)])
-    board = 0.36 * 0.6 / 1.17**1.5  # solid angle; by voxels it may be larger by one all round
-    assert board < seen.sum() < 1.1 * board * (0.8 / 0.6) ** 2
+    x, z = (values.ravel() for values in np.meshgrid(np.linspace(-0.2, 0.2, 5), np.linspace(0.8, 1.2, 5)))
+    offsets = 0.4 * (np.stack([x, np.full_like(x, -1.0), z], axis=1) - behind)
+    assert expected.chance_behind(behind, offsets, 30.0) == pytest.approx(np.ones(25))
 
 
 def test_nothing_is_expected_where_nothing_was_ever_met(wall):
+    """From the eye no ray meets the rear of anything; what lies beyond the wall is left by open sides."""
     _, scan, completed = wall
     zero = replace(SurfacePrior.none(), **dict.fromkeys(("surfaces", "stopped", "met"), np.zeros(6)))
-    at = np.array([0.0, -2.5, 1.0])  # before the board, of whose rear it sees nothing
-    assert expected_gain_of(scan, completed, zero)[0].look(at, 30.0).worth_m2.sum() == pytest.approx(0.0)
-    assert expected_gain_of(scan, completed)[0].look(at, 30.0).worth_m2.sum() > 1.0
+    at, aside = np.array([0.0, -2.5, 1.0]), np.array([[0.5, 1.9, 1.3], [-0.4, 1.9, 0.6], [0.0, 1.9, 1.0]])
+    assert expected_gain_of(scan, completed, zero)[0].chance_behind(at, aside, 30.0) == pytest.approx(0.0)
+    beside = np.array([1.2, -2.0, 1.0])
+    none, even = (chance_into_shadow(expected_gain_of(scan, completed, p)[0], beside) for p in (zero, None))
+    assert even > none + 0.1
 
 
 def test_the_prior_counts_what_rays_met_in_unknown_space():
