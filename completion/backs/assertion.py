@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: MIT
+"""Assertion: surface that a symmetry implies and no beam refutes, with its standard deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.backs.limits import ASSERTED_CELL, MOST_SD, TOLERANCE_SD, VETO
+from completion.backs.probability import Element
+from completion.backs.seeing import see
+from completion.backs.symmetry import move, one_a_cell
+from completion.backs.views import Scale, Setting, Sight
+from completion.evidence.sight import pixel_of
+from scenes.checks import BoolArray, FloatArray
+from texture.engine.compiled import compiled
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asserted:
+    """Inferred surface as points.
+
+    Attributes
+    ----------
+    points, normals : (n, 3) float
+        Metres; normals point out of the thing.
+    origin : (n,) uint8
+        1 by a mirror, 2 by a turn.
+    sd_m : (n,) float
+        Standard deviation along the normal, from the symmetry's covariance and the range noise, metres.
+    probability : (n,) float
+        Of the symmetry.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    origin: NDArray[np.uint8]
+    sd_m: FloatArray
+    probability: FloatArray
+
+
+def assert_surface(
+    sights: Sequence[Sight], elements: Sequence[Element], setting: Setting, scale: Scale, *, least: float
+) -> Asserted:
+    """Return measured surface moved by symmetries of at least a probability, where it was not measured itself.
+
+    Left out: what a beam passed, what lies below the support or behind a wall, what was measured there, and
+    what the symmetry's own standard deviation makes uncertain by more than `MOST_SD` of the size.
+    """
+    known = [sight.thing & (sight.normals != 0).any(axis=1) for sight in sights]
+    points = np.concatenate([sight.points[one] for sight, one in zip(sights, known, strict=True)])
+    normals = np.concatenate([sight.normals[one] for sight, one in zip(sights, known, strict=True)])
+    parts: list[tuple[FloatArray, ...]] = []
+    for element in elements:
+        if element.probability < least:
+            continue
+        moved, facing = move(element.isometry, points), normals @ element.isometry[:, :3].T
+        sd = np.hypot(element.spread(points, normals), setting.sigma_m)
+        keep = (sd <= max(MOST_SD * scale.size, 2 * setting.sigma_m)) & is_possible(sights, moved, setting, scale)
+        seen = see(sights, element.isometry[None], points[keep], normals[keep], scale.tolerance)
+        keep[keep] = (seen.matched[0] < 0.5) & (seen.free[0] <= 0)
+        n = int(keep.sum())
+        parts.append((
+            moved[keep], facing[keep], np.full(n, element.origin), sd[keep], np.full(n, element.probability)
+        ))  # fmt: skip
+    empty = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0)
+    at, facing, origin, sd, likely = (np.concatenate(one) for one in zip(*parts, empty, strict=True))
+    order = np.argsort(-likely, kind="stable")
+    order = order[one_a_cell(at[order], ASSERTED_CELL * scale.size)] if len(order) else order
+    return Asserted(at[order], facing[order], origin[order].astype(np.uint8), sd[order], likely[order])
+
+
+def is_possible(
+    sights: Sequence[Sight], points: FloatArray, setting: Setting, scale: Scale
+) -> BoolArray:
+    """Tell which points (n, 3) no beam passed, above the support and before all walls."""
+    slack = max(VETO * scale.size, TOLERANCE_SD * setting.sigma_m)
+    possible = points[:, 2] > setting.support_m - slack
+    for wall in setting.walls:
+        possible &= points @ wall[:3] - wall[3] > -slack
+    for sight in sights:
+        _refute(sight.eye, sight.angles, sight.ranges, points, slack, possible)
+    return possible
+
+
+@compiled
+def _refute(eye, angles, ranges, points, slack, possible):  # type: ignore[no-untyped-def]
+    for i in range(len(points)):
+        pixel = pixel_of(eye, angles, (points[i, 0], points[i, 1], points[i, 2]))
+        if pixel >= 0 and np.isfinite(ranges[pixel]):
+            dx, dy = points[i, 0] - eye.origin[0], points[i, 1] - eye.origin[1]
+            dz = points[i, 2] - eye.origin[2]
+            if ranges[pixel] - np.sqrt(dx * dx + dy * dy + dz * dz) > slack:
+                possible[i] = False
