@@ -33,8 +33,10 @@ class Back:
     ----------
     hypotheses : tuple of Symmetry
         All symmetries that were found, the most probable first, right or not.
+    sure : tuple of Symmetry
+        Those of at least `BackOptions.least` that agree with each other.
     asserted : Asserted
-        Inferred surface: what symmetries of at least `BackOptions.least` imply.
+        Inferred surface: what these imply.
     chosen : tuple of Symmetry
         Those of probability 0.5 and more that shape the closed mesh.
     shape : ClosedShape
@@ -46,6 +48,7 @@ class Back:
     """
 
     hypotheses: tuple[Symmetry, ...]
+    sure: tuple[Symmetry, ...]
     asserted: Asserted
     chosen: tuple[Symmetry, ...]
     shape: ClosedShape
@@ -92,12 +95,12 @@ def find_back(
     turns = find_turns(axis, mirrors, sights, sample, scale)
     found = [weigh(one) for one in (*mirrors, *([] if axis is None else [axis]), *turns)]
     hypotheses = sorted(found, key=lambda one: -one.probability)
-    sure = elements_of(choose(hypotheses, options.least), N_ROUND)
-    asserted = assert_surface(sights, sure, setting, scale, least=options.least)
+    sure = choose(hypotheses, options.least)
+    asserted = assert_surface(sights, elements_of(sure, N_ROUND), setting, scale, least=options.least)
     chosen = choose(hypotheses, OFFERED)
     shaping = elements_of(chosen, N_CARVED)
     offered = assert_surface(sights, shaping, setting, scale, least=0.0)
     shape = close(sights, shaping, offered.points, setting, scale=scale)
     volume = volume_interval(shape, chosen, views, sights, setting)
     depth = depth_interval(sights, asserted.points, setting, scale)
-    return Back(tuple(hypotheses), asserted, tuple(chosen), shape, volume, depth, scale.size)
+    return Back(tuple(hypotheses), tuple(sure), asserted, tuple(chosen), shape, volume, depth, scale.size)
