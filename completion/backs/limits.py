@@ -48,6 +48,10 @@ N_ROUNDS = 4
 """Least-squares rounds after it: the next ones change nothing that is seen."""
 PIXEL_SD = 0.6
 """Pixels: standard deviation of the distance of two limbs that are each known to a pixel (2 / sqrt(12))."""
+FACING_OFFSET = 0.35
+"""Cosine between a normal and a mirror's from which a match says where the mirror is: normals err by 5 deg."""
+END_NEAR = 0.03
+"""Share of size near the end of a side. By choice: four pixels."""
 CORRELATED = 9.0
 """Neighbouring points that share one error: windows of normals overlap. By choice."""
 SQUARE_DEG = 6.0

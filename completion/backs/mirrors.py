@@ -12,6 +12,8 @@ from completion.backs.limits import (
     APART,
     APART_DEG,
     CORRELATED,
+    END_NEAR,
+    FACING_OFFSET,
     FREE_WEIGHT,
     LIMB_NEAR,
     LIMB_WEIGHT,
@@ -146,7 +148,7 @@ def _least_squares(
         residual = np.einsum("ij,ij->i", moved[use] - sample.points[at[use]], to)
         good = (np.einsum("ij,ij->i", facing[use], to) > SAME_NORMAL) & (np.abs(residual) < scale.tolerance)
         change = mirror_change(place, points - scale.middle)[use][good]
-        slope = np.einsum("ni,nij->nj", to[good], change)
+        slope = _slope(to[good], change)
         residual = residual[good]
         sd = max(1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0, setting.sigma_m, 1e-4 * scale.size)
         weight = 1 / (2 * CORRELATED * sd**2)  # each pair is met from both sides
@@ -164,12 +166,22 @@ def _least_squares(
             aside = np.einsum("ij,ij->i", moved[use] - sight.points[other], side)
             good = (np.einsum("ij,ij->i", turned, side) > SAME_NORMAL) & (np.abs(aside) < LIMB_NEAR * scale.size)
             change = mirror_change(place, sight.points[pixels[use]][good] - scale.middle)
-            slope = np.einsum("ni,nij->nj", side[good], change)
+            slope = _slope(side[good], change)
             weight = 1 / (2 * (PIXEL_SD * sight.pixel_m) ** 2 * np.sqrt(CORRELATED))
             information = information + weight * slope.T @ slope
             gradient = gradient + weight * slope.T @ aside[good]
         place = place - np.linalg.solve(information, gradient)
     return place, np.linalg.inv(information)
+
+
+def _slope(normals: FloatArray, change: FloatArray) -> FloatArray:
+    """Change (n, 2) of residuals along normals (n, 3) with angle and offset.
+
+    Normals are noisy: those that are nearly along the mirror say nothing of its offset.
+    """
+    slope = np.einsum("ni,nij->nj", normals, change)
+    slope[np.abs(slope[:, 1]) < 2 * FACING_OFFSET, 1] = 0.0
+    return slope
 
 
 def _with_evidence(
@@ -202,25 +214,41 @@ def _with_evidence(
         "hidden": float(seen.hidden[0][off].sum()) / many,
         "limb": float(limbs.on_limb[0]),
         "cut": float(limbs.on_cut[0]),
-        "lost": _lost(place, sights, scale),
         "balance": min(front, back) / max(front, back, 1),
         "off": many / len(height),
         "across": float(np.abs(ways @ symmetry.normal[:2]).min()),
-        "sd": float(np.quantile(far, 0.9)) / scale.size,
+        "sd": float(np.quantile(far, 0.98)) / scale.size,
+        "sd_angle": float(np.sqrt(covariance[0, 0])),
+        "sd_offset": float(np.sqrt(covariance[1, 1])) / scale.size,
         "score": matched - FREE_WEIGHT * contradicted + LIMB_WEIGHT * float(limbs.on_limb[0]),
     }
-    return Symmetry("mirror", place, scale.middle, covariance, evidence)
+    return Symmetry("mirror", place, scale.middle, covariance, evidence | _ends(place, sights, scale))
 
 
-def _lost(place: FloatArray, sights: Sequence[Sight], scale: Scale) -> float:
-    """How lopsidedly occluders cut the thing: mean signed distance of cuts over that of the outline, 0..1.
+def _ends(place: FloatArray, sights: Sequence[Sight], scale: Scale) -> dict[str, float]:
+    """Whether a mirror's two ends were seen, where an occluder or the image's border cuts the thing.
 
+    `unseen`: share of cuts in the outline near the end of a side, the larger of both; `chance`: the same where
+    the mirror puts the end of the other side just there, though a thing seldom ends where an occluder does;
+    `lost`: mean signed distance of cuts over that of the outline; `covered`: share of cuts in the outline.
     The least of all views: one that sees the thing whole is enough.
     """
     found = []
     for sight in sights:
         cut = _heights(place[None], sight.points[sight.cut] - scale.middle)[0]
         limb = _heights(place[None], sight.points[sight.limb & ~sight.cut] - scale.middle)[0]
-        total = np.abs(cut).sum() + np.abs(limb).sum()
-        found.append(float(abs(cut.sum()) / max(total, 1e-9)))
-    return min(found)
+        every = np.concatenate([cut, limb])
+        if not len(cut):
+            found.append((0.0, 0.0, 0.0, 0.0))
+            continue
+        unseen = chance = 0.0
+        for side in (-1, 1):
+            end, other = (side * every).max(), (-side * every).max()
+            near = [float((side * one > end - END_NEAR * scale.size).sum()) for one in (cut, limb)]
+            share = near[0] / (near[0] + near[1])
+            unseen = max(unseen, share)
+            chance = max(chance, share if end > other - END_NEAR * scale.size else 0.0)
+        total = max(float(np.abs(every).sum()), 1e-9)
+        found.append((unseen, chance, abs(float(cut.sum())) / total, len(cut) / len(every)))
+    least = np.min(found, axis=0).tolist()
+    return dict(zip(("unseen", "chance", "lost", "covered"), least, strict=True))

@@ -20,8 +20,9 @@ def features(symmetry: Symmetry) -> FloatArray:
     m, f, h, b = e["matched"], e["contradicted"], e["hidden"], e["limb"]
     if symmetry.kind == "mirror":
         return np.array([
-            1.0, m, f, h, b, e["balance"], m * f, min(m, 0.4), e["off"], e["cut"], e["lost"], e["across"],
-            min(e["sd"] / 0.01, 3.0), b * m,
+            1.0, m, f, h, b, e["balance"], min(m, 0.4), e["off"], e["across"], np.log(e["sd_offset"] + 1e-3),
+            np.log(e["sd_angle"] + 1e-3), np.log((f + 0.003) / (m + 0.03)), np.log(f + 0.003), np.log(m + 0.03),
+            e["cut"], e["unseen"], e["chance"], e["lost"], e["covered"],
         ])  # fmt: skip
     if symmetry.kind == "axis":
         return np.array([1.0, m, f, e["inliers"], e["arc"], e["lateral"], h, e["cut"]])

@@ -233,7 +233,8 @@ def _outline(
     rows, columns = thing.shape
     for down, right in _BESIDE:
         there = slice(1 + down, 1 + down + rows), slice(1 + right, 1 + right + columns)
-        beyond = padded[there] - ranges
+        with np.errstate(invalid="ignore"):
+            beyond = padded[there] - ranges
         limb |= thing & (beyond > jump)
         cut |= thing & ~others[there] & (beyond < -jump)
     return limb, cut
