@@ -263,7 +263,7 @@ def backs_fit(seeds: int = 5, kinds: int = 0) -> Iterator[str]:
             continue
         terms = np.array([two.terms for two, _ in some])
         true = np.array([two.is_true for two, _ in some])
-        weights = fit_logistic(terms, true)
+        weights = fit_logistic(terms, true, 10.0 if name == "mirror" else 1.0)
         likely = 1 / (1 + np.exp(-terms @ weights))
         yield f"{name}: {len(some)} of which {true.sum()} true, Brier {np.mean((likely - true) ** 2):.3f}"
         yield f"  ({', '.join(f'{value:.2f}' for value in weights)})"
@@ -275,7 +275,7 @@ def backs_fit(seeds: int = 5, kinds: int = 0) -> Iterator[str]:
             yield f"volume, {name}: {len(ratio)}, {low:.3f} to {high:.3f}"
 
 
-def fit_logistic(terms: FloatArray, true: BoolArray, ridge: float = 0.3) -> FloatArray:
+def fit_logistic(terms: FloatArray, true: BoolArray, ridge: float) -> FloatArray:
     """Return weights (k,) of the logistic model with a ridge on all but the first, after scaling the terms."""
     scale = np.maximum(terms.std(axis=0), 0.05)
     scale[0] = 1.0

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from completion.backs.limits import ASSERTED_CELL, MOST_SD, TOLERANCE_SD, VETO
 from completion.backs.probability import Element
-from completion.backs.seeing import see
+from completion.backs.seeing import is_possible, see
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
-from completion.evidence.sight import pixel_of
-from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from scenes.checks import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +51,15 @@ def assert_surface(
     known = [sight.thing & (sight.normals != 0).any(axis=1) for sight in sights]
     points = np.concatenate([sight.points[one] for sight, one in zip(sights, known, strict=True)])
     normals = np.concatenate([sight.normals[one] for sight, one in zip(sights, known, strict=True)])
+    slack = max(VETO * scale.size, TOLERANCE_SD * setting.sigma_m)
     parts: list[tuple[FloatArray, ...]] = []
     for element in elements:
         if element.probability < least:
             continue
         moved, facing = move(element.isometry, points), normals @ element.isometry[:, :3].T
         sd = np.hypot(element.spread(points, normals), setting.sigma_m)
-        keep = (sd <= max(MOST_SD * scale.size, 2 * setting.sigma_m)) & is_possible(sights, moved, setting, scale)
+        keep = sd <= max(MOST_SD * scale.size, 2 * setting.sigma_m)
+        keep[keep] = is_possible(sights, moved[keep], setting, slack)
         seen = see(sights, element.isometry[None], points[keep], normals[keep], scale.tolerance)
         keep[keep] = (seen.matched[0] < 0.5) & (seen.free[0] <= 0)
         n = int(keep.sum())
@@ -71,27 +71,3 @@ def assert_surface(
     order = np.argsort(-likely, kind="stable")
     order = order[one_a_cell(at[order], ASSERTED_CELL * scale.size)] if len(order) else order
     return Asserted(at[order], facing[order], origin[order].astype(np.uint8), sd[order], likely[order])
-
-
-def is_possible(
-    sights: Sequence[Sight], points: FloatArray, setting: Setting, scale: Scale
-) -> BoolArray:
-    """Tell which points (n, 3) no beam passed, above the support and before all walls."""
-    slack = max(VETO * scale.size, TOLERANCE_SD * setting.sigma_m)
-    possible = points[:, 2] > setting.support_m - slack
-    for wall in setting.walls:
-        possible &= points @ wall[:3] - wall[3] > -slack
-    for sight in sights:
-        _refute(sight.eye, sight.angles, sight.ranges, points, slack, possible)
-    return possible
-
-
-@compiled
-def _refute(eye, angles, ranges, points, slack, possible):  # type: ignore[no-untyped-def]
-    for i in range(len(points)):
-        pixel = pixel_of(eye, angles, (points[i, 0], points[i, 1], points[i, 2]))
-        if pixel >= 0 and np.isfinite(ranges[pixel]):
-            dx, dy = points[i, 0] - eye.origin[0], points[i, 1] - eye.origin[1]
-            dz = points[i, 2] - eye.origin[2]
-            if ranges[pixel] - np.sqrt(dx * dx + dy * dy + dz * dz) > slack:
-                possible[i] = False

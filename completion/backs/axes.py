@@ -29,17 +29,17 @@ _FEWEST = 20  # normals that are level enough
 _LEAST_SCORE = 0.0
 
 
-def find_axis(
+def find_axes(
     sights: Sequence[Sight], sample: Sample, setting: Setting, scale: Scale, *, rng: np.random.Generator
-) -> Symmetry | None:
-    """Return the vertical axis that most normals pass through, with covariance and evidence; None: no axis.
+) -> list[Symmetry]:
+    """Return the vertical axis that most normals pass through, with covariance and evidence, or none.
 
     (a - p) x n = 0 in plan is linear in the axis a: pairs of points by chance, then least squares.
     """
     level = np.linalg.norm(sample.normals[:, :2], axis=1)
     usable = level > LEAST_LEVEL
     if usable.sum() < _FEWEST:
-        return None
+        return []
     across = sample.normals[usable][:, [1, 0]] * [1, -1] / level[usable, None]  # across a normal's line
     shift = np.einsum("ij,ij->i", across, sample.points[usable, :2] - scale.middle[:2])
     pair = rng.integers(len(across), size=(N_PAIRS, 2))
@@ -47,7 +47,7 @@ def find_axis(
     determinant = np.linalg.det(matrix)
     matrix, pair = matrix[np.abs(determinant) > 0.1], pair[np.abs(determinant) > 0.1]
     if not len(pair):
-        return None
+        return []
     places = np.linalg.solve(matrix, shift[pair][:, :, None])[:, :, 0]
     near = AXIS_NEAR * scale.size
     inside = np.abs(places @ across.T - shift) < near
@@ -57,7 +57,7 @@ def find_axis(
     for _ in range(AXIS_ROUNDS):
         a, b = across[held], shift[held]
         if held.sum() < _FEWEST or np.linalg.cond(a.T @ a) > 1e4:
-            return None
+            return []
         place = np.linalg.solve(a.T @ a, a.T @ b)
         variance = max(float(np.mean((a @ place - b) ** 2)), setting.sigma_m**2)
         information = a.T @ a / (CORRELATED * variance)
@@ -68,18 +68,18 @@ def find_axis(
     own = {"inliers": float(held.mean()), "arc": arc, "lateral": float(usable.mean())}
     covariance = np.linalg.inv(information + np.eye(2) / scale.size**2)
     evidence = own | _evidence(place, _TRIED, sights, sample, scale)
-    return Symmetry("axis", place, scale.middle, covariance, evidence)
+    return [Symmetry("axis", place, scale.middle, covariance, evidence)]
 
 
 def find_turns(
-    axis: Symmetry | None, found: Sequence[Symmetry], sights: Sequence[Sight], sample: Sample, scale: Scale
+    axes: Sequence[Symmetry], found: Sequence[Symmetry], sights: Sequence[Sight], sample: Sample, scale: Scale
 ) -> list[Symmetry]:
     """Return the best turn by 360 / n degrees about an axis, or about the lines where mirrors meet.
 
     A stool's legs, the star below an office chair: no mirror of the seen half shows them, and about the axis
     of what is round in them they do not turn freely.
     """
-    places = [] if axis is None else [(axis.place, axis.covariance, axis.evidence)]
+    places = [(axis.place, axis.covariance, axis.evidence) for axis in axes]
     for k, one in enumerate(found):
         for other in found[:k]:
             matrix = np.stack([one.normal[:2], other.normal[:2]])

@@ -52,6 +52,10 @@ FACING_OFFSET = 0.35
 """Cosine between a normal and a mirror's from which a match says where the mirror is: normals err by 5 deg."""
 END_NEAR = 0.03
 """Share of size near the end of a side. By choice: four pixels."""
+LEAST_PIXEL_SD = 0.3
+"""Pixels: standard deviation of the place of an end, however many points say where it is (1 / sqrt(12))."""
+LIMB_FACING = 0.5
+"""Cosine between a mirror's normal and the direction out of a limb from which the limb ends the thing there."""
 CORRELATED = 9.0
 """Neighbouring points that share one error: windows of normals overlap. By choice."""
 SQUARE_DEG = 6.0

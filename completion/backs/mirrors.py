@@ -15,6 +15,8 @@ from completion.backs.limits import (
     END_NEAR,
     FACING_OFFSET,
     FREE_WEIGHT,
+    LEAST_PIXEL_SD,
+    LIMB_FACING,
     LIMB_NEAR,
     LIMB_WEIGHT,
     N_HALVINGS,
@@ -27,7 +29,7 @@ from completion.backs.limits import (
     STEP_DEG,
     WIDEST,
 )
-from completion.backs.seeing import see, see_limbs
+from completion.backs.seeing import is_possible, see, see_limbs
 from completion.backs.symmetry import Sample, Symmetry, mirror_change, mirrors, move
 from completion.backs.views import Scale, Setting, Sight
 from scenes.checks import FloatArray
@@ -150,7 +152,8 @@ def _least_squares(
         change = mirror_change(place, points - scale.middle)[use][good]
         slope = _slope(to[good], change)
         residual = residual[good]
-        sd = max(1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0, setting.sigma_m, 1e-4 * scale.size)
+        typical = 1.4826 * float(np.median(np.abs(residual))) if len(residual) else scale.tolerance
+        sd = max(typical, setting.sigma_m, 1e-4 * scale.size)
         weight = 1 / (2 * CORRELATED * sd**2)  # each pair is met from both sides
         information = prior + weight * slope.T @ slope
         gradient = weight * slope.T @ residual
@@ -171,7 +174,9 @@ def _least_squares(
             information = information + weight * slope.T @ slope
             gradient = gradient + weight * slope.T @ aside[good]
         place = place - np.linalg.solve(information, gradient)
-    return place, np.linalg.inv(information)
+    pixel = LEAST_PIXEL_SD * min(sight.pixel_m for sight in sights)
+    least = np.diag([(pixel / (scale.size / 4)) ** 2, pixel**2])  # ends are known to pixels
+    return place, np.linalg.inv(information) + least
 
 
 def _slope(normals: FloatArray, change: FloatArray) -> FloatArray:
@@ -207,18 +212,22 @@ def _with_evidence(
     ways = np.array([scale.middle - np.array(sight.eye.origin) for sight in sights])[:, :2]
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     symmetry = Symmetry("mirror", place, scale.middle, covariance, {})
-    far = symmetry.spread(sample.points, sample.normals, isometries[0])
+    ends = tuple(
+        pixels[np.abs(sight.side[pixels] @ symmetry.normal) > LIMB_FACING]
+        for sight, pixels in zip(sights, sample.limbs, strict=True)
+    )
+    at_ends = see_limbs(sights, isometries, ends, scale.size)
+    moved = move(isometries[0], sample.points[off])
+    possible = is_possible(sights, moved, setting, max(scale.tolerance, 3 * setting.sigma_m))
     evidence = {
         "matched": matched,
         "contradicted": contradicted,
         "hidden": float(seen.hidden[0][off].sum()) / many,
         "limb": float(limbs.on_limb[0]),
-        "cut": float(limbs.on_cut[0]),
+        "cut": float(at_ends.on_cut[0]),
+        "refuted": 1 - float(possible.mean()) if len(possible) else 0.0,
         "balance": min(front, back) / max(front, back, 1),
-        "off": many / len(height),
         "across": float(np.abs(ways @ symmetry.normal[:2]).min()),
-        "sd": float(np.quantile(far, 0.98)) / scale.size,
-        "sd_angle": float(np.sqrt(covariance[0, 0])),
         "sd_offset": float(np.sqrt(covariance[1, 1])) / scale.size,
         "score": matched - FREE_WEIGHT * contradicted + LIMB_WEIGHT * float(limbs.on_limb[0]),
     }
@@ -228,10 +237,8 @@ def _with_evidence(
 def _ends(place: FloatArray, sights: Sequence[Sight], scale: Scale) -> dict[str, float]:
     """Whether a mirror's two ends were seen, where an occluder or the image's border cuts the thing.
 
-    `unseen`: share of cuts in the outline near the end of a side, the larger of both; `chance`: the same where
-    the mirror puts the end of the other side just there, though a thing seldom ends where an occluder does;
-    `lost`: mean signed distance of cuts over that of the outline; `covered`: share of cuts in the outline.
-    The least of all views: one that sees the thing whole is enough.
+    `unseen`: share of cuts in the outline near the end of a side, the larger of both; `lost`: mean signed
+    distance of cuts over that of the outline. The least of all views: one that sees the thing is enough.
     """
     found = []
     for sight in sights:
@@ -239,16 +246,11 @@ def _ends(place: FloatArray, sights: Sequence[Sight], scale: Scale) -> dict[str,
         limb = _heights(place[None], sight.points[sight.limb & ~sight.cut] - scale.middle)[0]
         every = np.concatenate([cut, limb])
         if not len(cut):
-            found.append((0.0, 0.0, 0.0, 0.0))
-            continue
-        unseen = chance = 0.0
+            return {"unseen": 0.0, "lost": 0.0}
+        unseen = 0.0
         for side in (-1, 1):
-            end, other = (side * every).max(), (-side * every).max()
-            near = [float((side * one > end - END_NEAR * scale.size).sum()) for one in (cut, limb)]
-            share = near[0] / (near[0] + near[1])
-            unseen = max(unseen, share)
-            chance = max(chance, share if end > other - END_NEAR * scale.size else 0.0)
-        total = max(float(np.abs(every).sum()), 1e-9)
-        found.append((unseen, chance, abs(float(cut.sum())) / total, len(cut) / len(every)))
-    least = np.min(found, axis=0).tolist()
-    return dict(zip(("unseen", "chance", "lost", "covered"), least, strict=True))
+            near = (side * every).max() - END_NEAR * scale.size
+            ends = [float((side * one > near).sum()) for one in (cut, limb)]
+            unseen = max(unseen, ends[0] / sum(ends))
+        found.append((unseen, abs(float(cut.sum())) / max(float(np.abs(every).sum()), 1e-9)))
+    return dict(zip(("unseen", "lost"), np.min(found, axis=0).tolist(), strict=True))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.backs.assertion import Asserted, assert_surface
-from completion.backs.axes import find_axis, find_turns
+from completion.backs.axes import find_axes, find_turns
 from completion.backs.closing import ClosedShape, close
 from completion.backs.intervals import DepthInterval, VolumeInterval, depth_interval, volume_interval
 from completion.backs.limits import N_CARVED, N_ROUND, OFFERED
@@ -90,10 +90,10 @@ def find_back(
     rng = np.random.default_rng(seed)
     sights = [prepare_sight(view, scale) for view in views]
     sample = draw_sample(sights, scale, rng)
-    mirrors = find_mirrors(sights, sample, setting, scale)
-    axis = find_axis(sights, sample, setting, scale, rng=rng)
-    turns = find_turns(axis, mirrors, sights, sample, scale)
-    found = [weigh(one) for one in (*mirrors, *([] if axis is None else [axis]), *turns)]
+    mirrors = weigh(find_mirrors(sights, sample, setting, scale))
+    axes = weigh(find_axes(sights, sample, setting, scale, rng=rng))
+    turns = [] if any(one.probability >= OFFERED for one in axes) else weigh(find_turns(axes, mirrors, sights, sample, scale))
+    found = [*mirrors, *axes, *turns]
     hypotheses = sorted(found, key=lambda one: -one.probability)
     sure = choose(hypotheses, options.least)
     asserted = assert_surface(sights, elements_of(sure, N_ROUND), setting, scale, least=options.least)

@@ -13,29 +13,30 @@ from completion.backs.symmetry import Kind, Symmetry, product
 from completion.backs.weights import AXIS_WEIGHTS, MIRROR_WEIGHTS, TURN_WEIGHTS
 from scenes.checks import FloatArray
 
+_WEIGHTS: dict[Kind, tuple[float, ...]] = {
+    "mirror": MIRROR_WEIGHTS, "axis": AXIS_WEIGHTS, "turn": TURN_WEIGHTS
+}  # fmt: skip
+
 
 def features(symmetry: Symmetry) -> FloatArray:
     """Return the terms (k,) of the logistic model of a symmetry's kind; the first is 1."""
     e = symmetry.evidence
-    m, f, h, b = e["matched"], e["contradicted"], e["hidden"], e["limb"]
+    m, f, h = e["matched"], e["contradicted"], e["hidden"]
     if symmetry.kind == "mirror":
         return np.array([
-            1.0, m, f, h, b, e["balance"], min(m, 0.4), e["off"], e["across"], np.log(e["sd_offset"] + 1e-3),
-            np.log(e["sd_angle"] + 1e-3), np.log((f + 0.003) / (m + 0.03)), np.log(f + 0.003), np.log(m + 0.03),
-            e["cut"], e["unseen"], e["chance"], e["lost"], e["covered"],
+            1.0, h, np.log(m + 0.03), np.log(f + 0.003), m * e["across"], e["balance"], e["across"],
+            np.log(e["sd_offset"] + 1e-3), e["refuted"], np.log(e["refuted"] + 0.003), e["cut"], e["unseen"], e["lost"],
         ])  # fmt: skip
     if symmetry.kind == "axis":
-        return np.array([1.0, m, f, e["inliers"], e["arc"], e["lateral"], h, e["cut"]])
-    return np.array([1.0, m, f, e["inliers"], h, e["limb"]])
+        return np.array([1.0, m, f, h, e["inliers"], e["arc"], e["lateral"]])
+    return np.array([1.0, m, f, h, e["inliers"], e["limb"]])
 
 
-def weigh(symmetry: Symmetry) -> Symmetry:
-    """Return a symmetry with its probability."""
-    weights: dict[Kind, tuple[float, ...]] = {
-        "mirror": MIRROR_WEIGHTS, "axis": AXIS_WEIGHTS, "turn": TURN_WEIGHTS
-    }  # fmt: skip
-    score = float(features(symmetry) @ np.array(weights[symmetry.kind]))
-    return replace(symmetry, probability=1 / (1 + float(np.exp(-np.clip(score, -30, 30)))))
+def weigh(found: Sequence[Symmetry]) -> list[Symmetry]:
+    """Return symmetries with their probabilities."""
+    scores = [float(features(one) @ np.array(_WEIGHTS[one.kind])) for one in found]
+    likely = 1 / (1 + np.exp(-np.clip(scores, -30, 30)))
+    return [replace(one, probability=float(p)) for one, p in zip(found, likely, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

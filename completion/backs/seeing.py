@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.backs.limits import LATERAL, LIMB_DEEP, LIMB_NEAR, SAME_NORMAL
-from completion.backs.views import Sight
+from completion.backs.views import Setting, Sight
 from completion.evidence.sight import pixel_of
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled
 
 
@@ -145,3 +145,26 @@ def _see_limb(eye, angles, measured, to_limb, to_cut, isometries, points, size, 
                         on_limb[k] += 1.0
                         break
                     on_cut[k] += 1.0
+
+
+def is_possible(
+    sights: Sequence[Sight], points: FloatArray, setting: Setting, slack: float
+) -> BoolArray:
+    """Tell which points (n, 3) no beam passed by more than `slack`, above the support and before all walls."""
+    possible = points[:, 2] > setting.support_m - slack
+    for wall in setting.walls:
+        possible &= points @ wall[:3] - wall[3] > -slack
+    for sight in sights:
+        _refute(sight.eye, sight.angles, sight.ranges, points, slack, possible)
+    return possible
+
+
+@compiled
+def _refute(eye, angles, ranges, points, slack, possible):  # type: ignore[no-untyped-def]
+    for i in range(len(points)):
+        pixel = pixel_of(eye, angles, (points[i, 0], points[i, 1], points[i, 2]))
+        if pixel >= 0 and np.isfinite(ranges[pixel]):
+            dx, dy = points[i, 0] - eye.origin[0], points[i, 1] - eye.origin[1]
+            dz = points[i, 2] - eye.origin[2]
+            if ranges[pixel] - np.sqrt(dx * dx + dy * dy + dz * dz) > slack:
+                possible[i] = False
