@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.backs.limits import ASSERTED_CELL, MOST_SD, TOLERANCE_SD, VETO
+from completion.backs.limits import ASSERTED_CELL, MOST_SD, PASSED_SHARE, SUPPORTED, TOLERANCE_SD, VETO
 from completion.backs.probability import Element
 from completion.backs.seeing import is_possible, see
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +52,10 @@ def assert_surface(
     points = np.concatenate([sight.points[one] for sight, one in zip(sights, known, strict=True)])
     normals = np.concatenate([sight.normals[one] for sight, one in zip(sights, known, strict=True)])
     slack = max(VETO * scale.size, TOLERANCE_SD * setting.sigma_m)
+    round_ = [element.isometry for element in elements if element.origin == 2]
+    if round_:
+        supported = _turn_freely(sights, np.stack(round_), points, normals, scale)
+        points, normals = points[supported], normals[supported]
     parts: list[tuple[FloatArray, ...]] = []
     for element in elements:
         if element.probability < least:
@@ -71,3 +75,12 @@ def assert_surface(
     order = np.argsort(-likely, kind="stable")
     order = order[one_a_cell(at[order], ASSERTED_CELL * scale.size)] if len(order) else order
     return Asserted(at[order], facing[order], origin[order].astype(np.uint8), sd[order], likely[order])
+
+
+def _turn_freely(
+    sights: Sequence[Sight], turns: FloatArray, points: FloatArray, normals: FloatArray, scale: Scale
+) -> BoolArray:
+    """Tell which points (n, 3) were measured at other turns (k, 3, 4) too, and hardly refuted at any."""
+    seen = see(sights, turns, points, normals, scale.tolerance)
+    matched, free = (seen.matched > 0.5).sum(axis=0), (seen.free > 0.5).sum(axis=0)
+    return np.asarray((matched >= min(SUPPORTED, len(turns))) & (free <= PASSED_SHARE * (matched + free)))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.backs.closing import ClosedShape
-from completion.backs.limits import DEPTH_SLACK, SEEN_DEPTH
+from completion.backs.limits import BACK_FACE, DEPTH_SLACK, LEAST_EXTENT, SEEN_DEPTH, TOLERANCE_SD
 from completion.backs.symmetry import Symmetry
 from completion.backs.views import Scale, Setting, Sight, ThingView
 from completion.backs.weights import VOLUMES
@@ -95,8 +95,9 @@ def depth_interval(
 ) -> DepthInterval:
     """Return the extent of a thing away from its front: to the wall behind it, or along the line of sight.
 
-    The measured extent is certain. Where a side or the top was seen to its end, or a symmetry shows the back
-    (`asserted` (n, 3)), it is the depth, to 2 % of the size; else it ends before the wall, or is open.
+    The measured extent, less the noise, is certain. Where a side or the top was seen to its end it is the depth,
+    to 2 % of the size, unless a symmetry puts surface (`asserted` (n, 3)) farther back; else a symmetry says
+    where the back is; else the thing ends before the wall, or is open.
     """
     points = np.concatenate([sight.points[sight.thing] for sight in sights])
     way = _away(sights, setting, scale)
@@ -104,23 +105,23 @@ def depth_interval(
     front, back = float(along.min()), float(along.max())
     slack = DEPTH_SLACK * scale.size
     wall = _to_wall(way, setting)
-    extent = back - front
-    reach = None if wall is None else max(wall - front, extent)
-    direction = tuple(way.tolist())
-    if len(asserted):
-        to = max(float((asserted @ way).max()), back) - front
-        if to > extent + slack:
-            most = to + slack if reach is None else min(to + slack, reach)
-            return DepthInterval(max(to - slack, extent), most, direction, "symmetry")
+    reach = np.inf if wall is None else max(wall, back) - front
+    least = max(back - front - max(TOLERANCE_SD * setting.sigma_m, LEAST_EXTENT * scale.size), 0.0)
+    mirrored = asserted @ way - front if len(asserted) else np.zeros(1)
+    implied = float(mirrored.max())
     ends = np.concatenate([sight.points[sight.limb & ~sight.cut] for sight in sights]) @ way
     cut = np.concatenate([sight.points[sight.cut] for sight in sights]) @ way
     at_end = (ends > back - slack).sum() >= 3 and not (cut > back - slack).any()
-    if extent > SEEN_DEPTH * scale.size and at_end:
-        most = extent + slack if reach is None else min(extent + slack, reach)
-        return DepthInterval(max(extent - slack, 0.0), most, direction, "side or top seen to its end")
-    if reach is None:
-        return DepthInterval(extent, None, direction, "front alone, nothing known behind")
-    return DepthInterval(extent, reach, direction, "front alone, wall behind")
+    if at_end and back - front > SEEN_DEPTH * scale.size:
+        most, why = max(back - front, implied) + slack, "side or top seen to its end"
+    elif implied > back - front + slack:
+        least = max(float(np.quantile(mirrored, BACK_FACE)) - slack, least)
+        most, why = implied + slack, "symmetry"
+    else:
+        most = np.inf
+        why = f"front alone, {'nothing known' if wall is None else 'wall'} behind"
+    most = min(most, reach)
+    return DepthInterval(min(least, most), most if np.isfinite(most) else None, tuple(way.tolist()), why)
 
 
 def _away(sights: Sequence[Sight], setting: Setting, scale: Scale) -> FloatArray:
@@ -139,5 +140,5 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 def _to_wall(way: FloatArray, setting: Setting) -> float | None:
     """Where along `way` the wall is that it leads into; None without one."""
-    facing = [-wall[3] / (way @ -wall[:3]) * 1.0 for wall in setting.walls if way @ wall[:3] < -0.9]
+    facing = [float(wall[3] / (way @ wall[:3])) for wall in setting.walls if way @ wall[:3] < -0.9]
     return min(facing) if facing else None

@@ -77,6 +77,10 @@ VETO = 0.015
 """Share of size by which a beam must pass a place to refute it. Prototype."""
 MOST_SD = 0.008
 """Share of size: asserted surface is known as well along its normal, one standard deviation. Tuned."""
+SUPPORTED = 2
+"""Turns of a point about an axis that were measured too, at least: handles and spouts have none."""
+PASSED_SHARE = 0.2
+"""Share of the decided turns of a point that beams may have passed. By choice."""
 N_ROUND = 48
 """Turns by which a surface of revolution is asserted: 7.5 degrees."""
 ASSERTED_CELL = 0.008
@@ -101,3 +105,7 @@ SEEN_DEPTH = 0.05
 """Share of size that is measured along the depth, from which a side or the top is seen."""
 DEPTH_SLACK = 0.02
 """Share of size by which a depth whose end was seen may be off. Prototype: 94 % within."""
+LEAST_EXTENT = 0.005
+"""Share of size by which the measured extent may be too long at least: the outermost of many points are read."""
+BACK_FACE = 0.9
+"""Quantile of implied surface along the depth that is a back face, which small parts stand out from. By choice."""
