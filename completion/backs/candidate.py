@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: MIT
+"""Candidate: joined parts, whether they are a thing, and what that stands on and touches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from completion.backs import separation_limits as limits
+from completion.backs.separation import Part, RoomFrame
+from completion.backs.standing import Outline
+from completion.backs.thing import Cut, Thing, UprightBox
+from completion.evidence.evidence import Scans
+from completion.extension.patch import Patch
+from completion.room.walls import Wall
+from scenes.checks import FloatArray, IntArray
+from scenes.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """Parts that may be a thing, working frame; the largest part first."""
+
+    parts: tuple[Part, ...]
+    scans: Scans
+    pixels: tuple[IntArray, ...]  # of each scan, flat, ascending
+    points: FloatArray  # (n, 3) some of them
+    support: int  # number of the surface on which most of them stand, from 0; -1 for a floor or nothing known
+
+    @classmethod
+    def of(cls, parts: Sequence[Part], scans: Scans) -> Candidate:
+        """Put parts of one thing together."""
+        pixels = []
+        for scan in range(len(scans.observations)):
+            held = [part.pixels for part in parts if part.scan == scan]
+            pixels.append(np.sort(np.concatenate([np.zeros(0, np.int64), *held])))
+        support = np.array([part.support + 1 for part in parts])
+        most = np.bincount(support, [len(part.pixels) for part in parts]).argmax() - 1
+        points = np.concatenate([part.points for part in parts])
+        return cls(tuple(parts), scans, tuple(pixels), points, int(most))
+
+    @property
+    def n_pixels(self) -> int:
+        """Pixels in the scan that shows most of it."""
+        return max(len(pixels) for pixels in self.pixels)
+
+    @property
+    def slack_m(self) -> float:
+        """Distance that noise and sampling leave open, metres."""
+        part = self.parts[0]
+        return limits.N_SIGMA * part.sigma_m + limits.STEEP / 2 * part.spacing_m
+
+    def is_resolved(self, frame: RoomFrame) -> bool:
+        """Tell whether it has pixels enough, and rises above what is flat."""
+        box = self.box(frame)
+        sides = np.sort(box.size)
+        least = limits.LEAST_SPACINGS * self.parts[0].spacing_m
+        rises = box.size[2] > max(limits.OFF_PLANE * box.diagonal_m, limits.N_SIGMA * self.parts[0].sigma_m)
+        return bool(self.n_pixels >= limits.LEAST_PIXELS and sides[1] >= least and rises)
+
+    def box(self, frame: RoomFrame) -> UprightBox:
+        """The least upright box, working frame."""
+        plan = self.points @ frame.axes.T
+        ring = shapely.get_coordinates(shapely.MultiPoint(plan).minimum_rotated_rectangle)
+        side = ring[1] - ring[0] if len(ring) > 1 else np.array([1.0, 0.0])
+        first = side @ frame.axes / max(float(np.linalg.norm(side)), 1e-12)
+        axes = np.stack([first, np.cross(frame.up, first), frame.up])
+        places = self.points @ axes.T
+        return UprightBox(axes, places.min(axis=0), places.max(axis=0))
+
+    def stands(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+        """Tell whether it may stand in the room.
+
+        What was seen to end above the floor hangs. What stays close to a wall, reaches the ceiling, or goes
+        up out of sight, is taken to be of the building.
+        """
+        if any(self.lies_along(wall) for wall in frame.room.walls):
+            return False
+        if self.support >= 0:
+            return True
+        height = self.points @ frame.up
+        ends = [self._ends(frame, outline, scan) for scan, outline in enumerate(outlines)]
+        level, hidden = (np.concatenate(values) for values in zip(*ends, strict=True))
+        low, high = np.quantile(height, (0.01, 0.99))
+        band = max(limits.FOOT * float(high - low), self.slack_m)
+        foot, top = level < low + band, level > high - band
+        for plane in frame.ceilings:
+            if np.quantile(plane.distance(self.points), 0.01) < limits.BUILT_IN_M + self.slack_m:
+                return False
+        above = frame.height(self.points)
+        if np.quantile(above, 0.99) > limits.TALLEST_M and _most(hidden[top]):
+            return False
+        return self.reaches(frame) or _most(hidden[foot])
+
+    def reaches(self, frame: RoomFrame) -> bool:
+        """Tell whether what was measured reaches a floor, or the surface on which it stands."""
+        if self.support >= 0:
+            return True
+        return bool(np.quantile(frame.height(self.points), 0.01) < limits.STANDS_M + self.slack_m)
+
+    def lies_along(self, wall: Wall) -> bool:
+        """Tell whether hardly anything of it is farther before a wall than what is fixed to it."""
+        near = np.abs(wall.plane.distance(self.points)) < max(limits.FLAT_M, self.slack_m)
+        return bool(near.mean() > limits.WITHIN)
+
+    def leans_at(self, wall: Wall) -> bool:
+        """Tell whether it comes up to a wall."""
+        away = wall.plane.distance(self.points)
+        place = wall.places(self.points)
+        beside = ((place > wall.low) & (place < wall.high)).all(axis=1)
+        most = limits.LEAN_M + limits.N_SIGMA * self.parts[0].sigma_m
+        return bool(beside.any() and np.quantile(away[beside], 0.02) < most)
+
+    def _ends(self, frame: RoomFrame, outline: Outline, scan: int) -> tuple[FloatArray, FloatArray]:
+        """Heights (n,) along up of the pixels on its outline in a scan, and whether it goes on there."""
+        pixels = self.pixels[scan][outline.ends[self.pixels[scan]] > 0]
+        height = self.scans.observations[scan].points_at(pixels) @ frame.up
+        return height, outline.is_hidden(pixels).astype(np.float64)
+
+    def surfaces(self, n_surfaces: int) -> IntArray:
+        """Numbers, from 0, of the surfaces most of whose pixels are of it."""
+        own, every = np.zeros(n_surfaces + 1), np.zeros(n_surfaces + 1)
+        for owners, pixels in zip(self.scans.owners, self.pixels, strict=True):
+            own += np.bincount(owners.ravel()[pixels], minlength=n_surfaces + 1)
+            every += np.bincount(owners.ravel(), minlength=n_surfaces + 1)
+        return np.flatnonzero((own > every / 2)[1:])
+
+    def area_m2(self) -> float:
+        """Measured area by solid angles, metres squared, in the scan that shows most of it."""
+        scan = int(np.argmax([len(pixels) for pixels in self.pixels]))
+        seen = self.scans.observations[scan]
+        ranges = seen.scan.ranges.ravel()[self.pixels[scan]]
+        return float(((ranges * seen.scan.projection.pixel_angle) ** 2).sum())
+
+
+def _most(hidden: FloatArray) -> bool:
+    """Whether a good part of the ends (n,) that are looked at is hidden."""
+    return bool(len(hidden) and hidden.mean() >= limits.HIDDEN)
+
+
+def relate(
+    candidates: Sequence[Candidate],
+    frame: RoomFrame,
+    outlines: Sequence[Outline],
+    patches: Sequence[Patch],
+    world_from_reference: Pose,
+) -> Iterator[Thing]:
+    """Yield the things that candidates are, with what they are to each other, world coordinates."""
+    surfaces = [one.surfaces(len(patches)) for one in candidates]
+    owner = {int(number): k for k, held in enumerate(surfaces) for number in held}
+    size = len(candidates) + 1
+    occluded, touching = (
+        sum((getattr(outline, name) for outline in outlines), np.zeros((size, size), np.int64))
+        for name in ("occluded", "touching")
+    )
+    behind = (occluded >= limits.CUT_PIXELS)[1:, 1:]
+    beside = ((touching + touching.T) >= limits.CUT_PIXELS)[1:, 1:]
+    index_of = [patch.limits.index for patch in patches]
+    for k, one in enumerate(candidates):
+        number = one.support if one.support >= 0 else _floor_of(one, frame, patches)
+        box = one.box(frame)
+        carrier = owner.get(number)
+        foot = one.points[np.argmin(one.points @ frame.up)]
+        yield Thing(
+            index=k,
+            pixels=one.pixels,
+            box=_in_world(box, world_from_reference),
+            stands_on=None if number < 0 else number,
+            stands_on_thing=None if carrier == k else carrier,
+            support_m=None if number < 0 else _height(patches[number], foot, frame, world_from_reference),
+            leans_at=tuple(
+                index_of.index(wall.number)
+                for wall in frame.room.walls
+                if wall.number in index_of and one.leans_at(wall)
+            ),
+            touches=tuple(np.flatnonzero(beside[k]).tolist()),
+            occluded_by=tuple(np.flatnonzero(behind[k]).tolist()),
+            hides=tuple(np.flatnonzero(behind[:, k]).tolist()),
+            cuts=tuple(
+                Cut(scan, *outline.cut(one.pixels[scan]))
+                for scan, outline in enumerate(outlines)
+                if len(one.pixels[scan])
+            ),
+            surfaces=tuple(surfaces[k].tolist()),
+            measured_m2=one.area_m2(),
+        )
+
+
+def _floor_of(one: Candidate, frame: RoomFrame, patches: Sequence[Patch]) -> int:
+    """Number of the floor on which a candidate stands, from 0: the nearest below its foot; -1 for none."""
+    if not frame.floors or not one.reaches(frame):
+        return -1
+    foot = one.points[[np.argmin(one.points @ frame.up)]]
+    off = [
+        abs(float(patch.source.fit.surface.distance(foot)[0])) if k in frame.floor_numbers else np.inf
+        for k, patch in enumerate(patches)
+    ]
+    return int(np.argmin(off))
+
+
+def _height(patch: Patch, foot: FloatArray, frame: RoomFrame, world_from_reference: Pose) -> float:
+    """Height along up, world coordinates, of a support below a foot (3,), metres."""
+    off = float(patch.source.fit.surface.distance(foot[None])[0])
+    place = world_from_reference.apply((foot - off * frame.up)[None])[0]
+    return float(place @ world_from_reference.rotate(frame.up[None])[0])
+
+
+def _in_world(box: UprightBox, world_from_reference: Pose) -> UprightBox:
+    """A box of the working frame in world coordinates."""
+    axes = world_from_reference.rotate(box.axes)
+    shift = axes @ world_from_reference.translation
+    return UprightBox(axes, box.low + shift, box.high + shift)

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: MIT
+"""Separation: the pixels of one scan that are of no room, in parts that stand on one support."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from completion.backs import separation_limits as limits
+from completion.extension.patch import Patch
+from completion.observe.observation import Observation
+from completion.room.roles import Room
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.surfaces.catalogue import Plane
+from texture.engine.compiled import compiled
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support:
+    """A level surface, no floor, on which things may stand; its outline in the plan."""
+
+    number: int  # of its surface, from 0
+    plane: Plane
+    sd_m: float  # standard deviation of its height
+    height_m: float  # of its middle along up
+    outline: shapely.Geometry  # convex hull of what was measured of it, coordinates along the plan's axes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Some pixels of one scan that are linked and stand on one support.
+
+    Attributes
+    ----------
+    scan : int
+        Number of the scan.
+    pixels : (n,) int64
+        Flat pixels, ascending.
+    support : int
+        Number of the surface, from 0, on which they stand; -1 for a floor or nothing known.
+    points : (m, 3) float
+        Some of its points, working frame.
+    spacing_m : float
+        Distance between neighbouring pixels at the median range, metres.
+    sigma_m : float
+        Median standard deviation of their ranges, metres.
+    """
+
+    scan: int
+    pixels: IntArray
+    support: int
+    points: FloatArray
+    spacing_m: float
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomFrame:
+    """The directions and surfaces by which things are told from the room, working frame."""
+
+    up: FloatArray  # (3,)
+    axes: FloatArray  # (2, 3) level directions
+    room: Room
+    floors: tuple[Plane, ...]
+    ceilings: tuple[Plane, ...]
+    floor_numbers: frozenset[int]  # of the floors' surfaces, from 0
+    is_room: BoolArray  # (1 + surfaces,) which numbers of pixels' surfaces, from 1, are of the room
+    supports: tuple[Support, ...]  # the lowest first
+
+    @classmethod
+    def of(cls, patches: Sequence[Patch], room: Room, observations: Sequence[Observation]) -> RoomFrame:
+        """Look at completed surfaces for what is of the room, and for supports."""
+        up, found = room.up, []
+        seed = np.eye(3)[int(np.argmin(np.abs(up)))]
+        first = np.cross(up, seed) / np.linalg.norm(np.cross(up, seed))
+        axes = np.stack([first, np.cross(up, first)])
+        planes: dict[str, list[Plane]] = {"floor": [], "ceiling": [], "wall": []}
+        is_room = np.zeros(1 + len(patches), dtype=np.bool_)
+        numbers = list[int]()
+        for k, patch in enumerate(patches):
+            plane = patch.source.fit.surface
+            role = "floor" if patch.limits.index in room.bases else patch.limits.role
+            if role and isinstance(plane, Plane):
+                planes[role].append(plane)
+                is_room[k + 1] = True
+                numbers += [k] if role == "floor" else []
+            elif isinstance(plane, Plane) and patch.limits.is_level and plane.normal_direction @ up > 0:
+                found.append((patch.observed_m2, k, plane))
+        supports = []
+        for area, k, plane in sorted(found, key=lambda one: (-one[0], one[1]))[: limits.N_SUPPORTS]:
+            points = patches[k].source.points(observations, limits.N_POINTS)
+            if area < limits.LEAST_SUPPORT_M2 or len(points) < 3:
+                continue
+            outline = shapely.MultiPoint(points @ axes.T).convex_hull
+            sd = float(patches[k].stated.standard_deviation(points.mean(axis=0)[None])[0])
+            supports.append(Support(k, plane, sd, float(points.mean(axis=0) @ up), outline))
+        supports.sort(key=lambda one: one.height_m)
+        floors, ceilings = tuple(planes["floor"]), tuple(planes["ceiling"])
+        return cls(up, axes, room, floors, ceilings, frozenset(numbers), is_room, tuple(supports))
+
+    def height(self, points: FloatArray) -> FloatArray:
+        """Height (n,) of points (n, 3) above the highest floor below them, metres; above all if none is."""
+        heights = np.full((1 + len(self.floors), len(points)), np.inf)
+        for k, plane in enumerate(self.floors):
+            above = plane.distance(points)
+            heights[k] = np.where(above > -limits.GAP_M, above, np.inf)
+        return np.asarray(heights.min(axis=0))
+
+    def is_outside(self, points: FloatArray, origin: FloatArray, slack: FloatArray) -> BoolArray:
+        """Tell which points (n, 3) are of floors, ceilings or walls to `slack` (n,), or behind them."""
+        outside = np.zeros(len(points), dtype=np.bool_)
+        for plane in self.floors:
+            outside |= np.abs(plane.distance(points)) < slack
+        if self.floors:
+            outside |= np.max([plane.distance(points) for plane in self.floors], axis=0) < 0
+        for plane in self.ceilings:
+            outside |= plane.distance(points) < slack
+        for wall in self.room.walls:
+            depth = wall.plane.distance(points)
+            before = float(wall.plane.distance(origin[None])[0])
+            if before <= 0:
+                continue
+            at = np.flatnonzero(depth < slack)
+            part = before / np.maximum(before - np.minimum(depth[at], 0.0), 1e-9)
+            place = wall.places(origin + part[:, None] * (points[at] - origin))
+            outside[at] |= ((place > wall.low) & (place < wall.high)).all(axis=1)
+        return outside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanView:
+    """One scan as the separation reads it: all (rows * columns,) or (rows * columns, 3)."""
+
+    number: int
+    seen: Observation
+    points: FloatArray  # working frame; NaN without return
+    owners: NDArray[np.int32]
+    sigma: FloatArray
+    free: BoolArray  # measured, and of no room
+
+    @classmethod
+    def of(cls, number: int, seen: Observation, owners: NDArray[np.int32], frame: RoomFrame) -> ScanView:
+        """Read a scan, and leave out what is of the room."""
+        points, own = seen.scan.points().reshape(-1, 3), owners.ravel()
+        sigma = seen.noise.deviation(seen.scan.ranges.ravel())
+        free = seen.valid.ravel() & ~frame.is_room[own]
+        at = np.flatnonzero(free)
+        slack = np.hypot(limits.OFF_ROOM_M, limits.N_SIGMA * sigma[at])
+        free[at] = ~frame.is_outside(points[at], seen.scan.origin, slack)
+        return cls(number, seen, points, own, sigma, free)
+
+    @property
+    def spacing(self) -> FloatArray:
+        """Distance (rows * columns,) of neighbouring pixels on what faces the scanner, metres."""
+        return np.asarray(self.seen.scan.ranges.ravel() * self.seen.scan.projection.pixel_angle)
+
+    def linked(self, kept: BoolArray) -> IntArray:
+        """Number the connected parts of kept pixels (rows * columns,), from 0; -1 elsewhere."""
+        rows, columns = self.seen.scan.shape
+        slack = limits.STEEP * np.where(kept, self.spacing, 0.0)
+        slack += limits.N_SIGMA * np.sqrt(2.0) * self.sigma
+        out = np.full(rows * columns, -1, dtype=np.int64)
+        _link(self.points, kept, self.owners, slack, rows, columns, _wraps(self.seen), limits.ACROSS_PX, out)
+        return out
+
+    def parts(self, frame: RoomFrame) -> Iterator[Part]:
+        """Yield its parts: what stands on each support, then the rest."""
+        standing = np.full(len(self.free), -1, dtype=np.int64)
+        for k, support in enumerate(frame.supports):
+            for pixels in self._on(support, frame):
+                standing[pixels] = k
+        for k in range(-1, len(frame.supports)):
+            part = self.linked(self.free & (standing == k))
+            number = -1 if k < 0 else frame.supports[k].number
+            yield from (self._part(pixels, number) for pixels in groups(part, limits.LEAST_PIXELS // 4))
+
+    def _on(self, support: Support, frame: RoomFrame) -> Iterator[IntArray]:
+        """Yield flat pixels of each group that stands on a support, and not beside it or under it."""
+        height = support.plane.distance(self.points)
+        slack = limits.N_SIGMA * np.hypot(self.sigma, support.sd_m) + limits.OFF_ROOM_M / 4
+        level = self.free & (np.abs(height) < slack)
+        at = np.flatnonzero(level)
+        level[at] = shapely.contains_xy(support.outline, *(self.points[at] @ frame.axes.T).T)
+        level |= self.owners == support.number + 1
+        rest = self.free & ~level
+        if not (rest & (height > 0)).any():
+            return
+        reach = support.outline.buffer(limits.GAP_M / 2)
+        for pixels in groups(self.linked(rest), limits.LEAST_PIXELS // 4):
+            above = height[pixels]
+            bottom, top = np.quantile(above, (0.02, 0.98))
+            gap = limits.GAP_M + limits.STEEP * float(np.median(self.spacing[pixels])) / 2
+            if (above < -slack[pixels]).mean() > limits.BELOW or bottom > gap + np.median(slack[pixels]):
+                continue
+            foot = pixels[above < bottom + max(limits.FOOT * (top - bottom), gap)]
+            if shapely.contains_xy(reach, *(self.points[foot] @ frame.axes.T).T).mean() >= limits.INSIDE:
+                yield pixels
+
+    def _part(self, pixels: IntArray, support: int) -> Part:
+        """Some pixels as a part."""
+        points = self.points[pixels[:: max(1, len(pixels) // limits.N_POINTS)]]
+        spacing, sigma = (float(np.median(values[pixels])) for values in (self.spacing, self.sigma))
+        return Part(self.number, pixels, support, points, spacing, sigma)
+
+
+def groups(part: IntArray, least: int) -> Iterator[IntArray]:
+    """Yield the places (n,) of each number from 0 of `part` (m,) that at least so many have, ascending."""
+    order = np.argsort(part, kind="stable")
+    order = order[np.searchsorted(part[order], 0) :]
+    for one in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        if len(one) >= max(least, 1):
+            yield one
+
+
+def _wraps(seen: Observation) -> bool:
+    """Whether the first column of a scan is next to its last."""
+    projection = seen.scan.projection
+    turn = seen.scan.shape[1] * projection.pixel_angle
+    return projection.kind == "spherical" and abs(turn - 2 * np.pi) < 2 * projection.pixel_angle
+
+
+@compiled
+def _root(parent: NDArray[np.int64], one: int) -> int:
+    while parent[one] != one:
+        parent[one] = parent[parent[one]]
+        one = parent[one]
+    return one
+
+
+@compiled
+def _link(
+    points: FloatArray,
+    kept: BoolArray,
+    owners: NDArray[np.int32],
+    slack: FloatArray,
+    rows: int,
+    columns: int,
+    wraps: bool,
+    across: int,
+    out: NDArray[np.int64],
+) -> None:
+    """Number connected parts of kept pixels in `out`; across few others if the distance allows it."""
+    parent = np.arange(rows * columns)
+    for pixel in range(rows * columns):
+        if not kept[pixel]:
+            continue
+        row, column = pixel // columns, pixel % columns
+        for way in range(2):
+            for step in range(1, across + 1):
+                other_row = row + step if way == 1 else row
+                other_column = column + step if way == 0 else column
+                if other_column >= columns and wraps:
+                    other_column -= columns
+                if other_row >= rows or other_column >= columns:
+                    break
+                other = other_row * columns + other_column
+                if not np.isfinite(points[other, 0]):
+                    continue
+                if kept[other]:
+                    square = 0.0
+                    for axis in range(3):
+                        square += (points[pixel, axis] - points[other, axis]) ** 2
+                    most = max(slack[pixel], slack[other])
+                    same = owners[pixel] > 0 and owners[pixel] == owners[other]
+                    if square <= most * most or same:
+                        one, two = _root(parent, pixel), _root(parent, other)
+                        parent[max(one, two)] = min(one, two)
+                break
+    n = 0
+    for pixel in range(rows * columns):
+        if kept[pixel]:
+            if parent[pixel] == pixel:
+                out[pixel] = n
+                n += 1
+            else:
+                out[pixel] = out[_root(parent, pixel)]

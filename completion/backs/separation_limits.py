@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: MIT
+"""Limits of the separation of things. Where no measurement is named, a limit was set by eye."""
+
+from __future__ import annotations
+
+# Linking of pixels
+
+STEEP = 6.0
+"""Spacings of pixels up to which neighbours are of one thing: a surface seen at 80 degrees from its normal."""
+N_SIGMA = 3.0
+"""Standard deviations up to which a deviation is noise."""
+ACROSS_PX = 3
+"""Pixels over which neighbours are linked: pixels between may have no return, or belong to two surfaces."""
+
+# What belongs to the room
+
+OFF_PLANE = 0.012
+"""Share of its size by which a thing rises above its support at least; measured on simulated views."""
+OFF_ROOM_M = 0.02
+"""Metres from a wall, a floor or a ceiling up to which a point is of it: skirting, plaster, carpets."""
+FLAT_M = 0.06
+"""Metres from a wall within which what is fixed to it stays: frames, switches, pictures."""
+WITHIN = 0.9
+"""Share of the points of a thing of which something holds that is said of the thing."""
+TALLEST_M = 2.1
+"""Metres above the floor up to which a thing may rise whose top is out of sight: higher ones may be walls."""
+HIDDEN = 0.3
+"""Share of the ends of a thing at its foot or top that are out of sight, from which that is."""
+BUILT_IN_M = 0.1
+"""Metres below a ceiling from which something reaches it, and is part of the building."""
+
+# Supports
+
+LEAST_SUPPORT_M2 = 0.01
+"""Square metres of a level surface on which something stands at least."""
+INSIDE = 0.6
+"""Share of the foot of a thing that lies inside the support on which it stands."""
+BELOW = 0.05
+"""Share of its points below a support up to which a thing may stand on it."""
+FOOT = 0.1
+"""Share of the height of a thing that is its foot."""
+GAP_M = 0.03
+"""Metres between a support and the lowest point of what stands on it; more where pixels are farther apart."""
+N_SUPPORTS = 64
+"""Level surfaces that are looked at, the largest ones."""
+
+# Things
+
+LEAST_PIXELS = 60
+"""Pixels of a thing in the scan that shows most of it at least."""
+LEAST_SPACINGS = 6.0
+"""Spacings of pixels along the second longest side of a thing's box at least."""
+STANDS_M = 0.12
+"""Metres above a support from which what was measured of a thing does not reach it, where that is in sight."""
+N_POINTS = 1500
+"""Points of a part of a thing that are kept to compare scans."""
+OVERLAP = 0.05
+"""Share of the cells of the smaller of two parts, in two scans, that the other has too if they are one."""
+CELL_M = 0.03
+"""Metres: cells of space in which parts from several scans are compared, unless pixels are farther apart."""
+NEAR_CELLS = 2.0
+"""Cells within which two things touch."""
+CUT_SHARE, CUT_PIXELS = 0.02, 4
+"""Share of the outline of a thing, and pixels, from which it counts as cut by the border or an occluder."""
+LEAN_M = 0.03
+"""Metres from a wall within which a thing leans at it, beyond three standard deviations."""
+BEHIND_M = 1.5
+"""Metres behind a thing up to which a wall is part of what bounds it."""

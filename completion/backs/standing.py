@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""Standing: where the outlines of things end in a scan: at the border, at occluders, at what they touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.backs import separation_limits as limits
+from completion.observe.observation import Observation
+from scenes.checks import BoolArray, FloatArray, IntArray
+from texture.engine.compiled import compiled
+
+BORDER, OCCLUDER, FREE = 2, 1, 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """The outlines of n things in one scan.
+
+    Attributes
+    ----------
+    ends : (rows * columns,) uint8
+        Of each pixel on the outline of a thing, whether it is cut by the border (2) or by an occluder (1), or
+        ends before something farther or nothing (3); 0 of others.
+    occluded : (n + 1, n + 1) int64
+        How many pixels of each thing, from 1, end behind which other; 0 for what is no thing.
+    touching : (n + 1, n + 1) int64
+        How many end at the same depth as the next one beside.
+    """
+
+    ends: NDArray[np.uint8]
+    occluded: IntArray
+    touching: IntArray
+
+    @classmethod
+    def of(cls, seen: Observation, label: NDArray[np.int32], n_things: int) -> Outline:
+        """Look at the outlines of things, by the number of each pixel's (rows, columns), from 1."""
+        ranges, angle = seen.scan.ranges, seen.scan.projection.pixel_angle
+        slack = limits.STEEP * angle * np.where(seen.valid, ranges, 0.0)
+        slack += limits.N_SIGMA * np.sqrt(2.0) * seen.noise.deviation(ranges.ravel()).reshape(ranges.shape)
+        rows, columns = (np.flatnonzero(seen.valid.any(axis=axis)) for axis in (1, 0))
+        bounds = np.array([rows.min(), rows.max(), columns.min(), columns.max()] if len(rows) else [0, 0, 0, 0])
+        ends = np.zeros(label.shape, dtype=np.uint8)
+        occluded, touching = (np.zeros((n_things + 1, n_things + 1), np.int64) for _ in range(2))
+        _look(ranges, label, slack, bounds, limits.ACROSS_PX, ends, occluded, touching)
+        return cls(ends.ravel(), occluded, touching)
+
+    def cut(self, pixels: IntArray) -> tuple[bool, bool]:
+        """Tell whether a thing with flat pixels (n,) is cut by the border, and by an occluder."""
+        ends = self.ends[pixels]
+        least = max(limits.CUT_PIXELS, limits.CUT_SHARE * np.count_nonzero(ends))
+        return (
+            bool(np.count_nonzero(ends == BORDER) >= least),
+            bool(np.count_nonzero(ends == OCCLUDER) >= least),
+        )
+
+    def is_hidden(self, pixels: IntArray) -> BoolArray:
+        """Tell which of flat pixels (n,) of an outline do not show where the thing ends."""
+        return np.asarray((self.ends[pixels] == BORDER) | (self.ends[pixels] == OCCLUDER), dtype=np.bool_)
+
+
+@compiled
+def _look(
+    ranges: FloatArray,
+    label: NDArray[np.int32],
+    slack: FloatArray,
+    bounds: NDArray[np.int64],
+    across: int,
+    ends: NDArray[np.uint8],
+    occluded: NDArray[np.int64],
+    touching: NDArray[np.int64],
+) -> None:
+    """Tell of each labelled pixel by its four sides how the thing ends there."""
+    for row in range(label.shape[0]):
+        for column in range(label.shape[1]):
+            own = label[row, column]
+            if own == 0:
+                continue
+            end = 0
+            for way in range(4):
+                step_row = 1 if way == 0 else (-1 if way == 1 else 0)
+                step_column = 1 if way == 2 else (-1 if way == 3 else 0)
+                found = False
+                for step in range(1, across + 1):
+                    r, c = row + step * step_row, column + step * step_column
+                    if r < bounds[0] or r > bounds[1] or c < bounds[2] or c > bounds[3]:
+                        end, found = 2, True
+                        break
+                    if not np.isfinite(ranges[r, c]):
+                        continue
+                    found = True
+                    other = label[r, c]
+                    if other == own:
+                        break
+                    most = max(slack[row, column], slack[r, c])
+                    nearer = ranges[row, column] - ranges[r, c]
+                    if nearer > most:
+                        occluded[own, other] += 1
+                        if end != 2:
+                            end = 1
+                    elif nearer > -most:
+                        touching[own, other] += 1
+                    elif end == 0:
+                        end = 3
+                    break
+                if not found and end == 0:
+                    end = 3
+            ends[row, column] = end
