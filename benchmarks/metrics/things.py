@@ -18,7 +18,7 @@ _PART = 0.25  # of the pixels of what is found, from which it holds another thin
 _EITHER = (
     "picture mirror|ceiling lamp|radiator|tall radiator|wall shelf|basin|parapet|podium|stairs|rug"
 ).replace("picture mirror", "picture|mirror")
-_HUNG = re.compile(rf"room \d+ ({_EITHER})( \d+)?(: .*)?$|.*: pillow \d+.*|.*(curtain|blind).*|.*sill$")
+_HUNG = re.compile(rf"room \d+ ({_EITHER})( \d+)?(: .*)?$|.*: (pillow|row) \d+.*|.*(curtain|blind).*|.*sill$")
 _BUILT = re.compile(r"room \d+ (casing|column) \d+: .*")
 _SIDE = re.compile(r"(box \d+|post \d+|drum|table)( .*)?$")
 

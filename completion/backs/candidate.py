@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from completion.backs import separation_limits as limits
 from completion.backs.separation import Part, RoomFrame
-from completion.backs.standing import Outline
+from completion.backs.standing import BORDER, OCCLUDER, Outline
 from completion.backs.thing import Cut, Thing, UprightBox
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
@@ -53,13 +55,26 @@ class Candidate:
         part = self.parts[0]
         return limits.N_SIGMA * part.sigma_m + limits.STEEP / 2 * part.spacing_m
 
-    def is_resolved(self, frame: RoomFrame) -> bool:
-        """Tell whether it has pixels enough, and rises above what is flat."""
+    def is_resolved(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+        """Tell whether it has pixels enough, rises above what is flat, and is not a mere glimpse."""
+        share = [len(pixels) / outline.ends.size for pixels, outline in zip(self.pixels, outlines, strict=True)]
+        if max(share) < limits.LEAST_SHARE or self.n_pixels < limits.LEAST_PIXELS:
+            return False
+        ends = np.concatenate(
+            [outline.ends[held] for outline, held in zip(outlines, self.pixels, strict=True)]
+        )
+        cut = np.isin(ends[ends > 0], (BORDER, OCCLUDER)).mean()
+        if cut > limits.GLIMPSE_CUT and max(share) < limits.GLIMPSE_SHARE:
+            return False
         box = self.box(frame)
         sides = np.sort(box.size)
         least = limits.LEAST_SPACINGS * self.parts[0].spacing_m
         rises = box.size[2] > max(limits.OFF_PLANE * box.diagonal_m, limits.N_SIGMA * self.parts[0].sigma_m)
-        return bool(self.n_pixels >= limits.LEAST_PIXELS and sides[1] >= least and rises)
+        return bool(sides[1] >= least and rises)
+
+    def plan(self, frame: RoomFrame) -> shapely.Geometry:
+        """The convex hull of its plan, along the frame's level axes."""
+        return shapely.MultiPoint(self.points @ frame.axes.T).convex_hull
 
     def box(self, frame: RoomFrame) -> UprightBox:
         """The least upright box, working frame."""
@@ -81,25 +96,29 @@ class Candidate:
             return False
         if self.support >= 0:
             return True
-        height = self.points @ frame.up
-        ends = [self._ends(frame, outline, scan) for scan, outline in enumerate(outlines)]
-        level, hidden = (np.concatenate(values) for values in zip(*ends, strict=True))
-        low, high = np.quantile(height, (0.01, 0.99))
-        band = max(limits.FOOT * float(high - low), self.slack_m)
-        foot, top = level < low + band, level > high - band
+        foot_hidden, top_hidden = self.hidden(frame, outlines)
         for plane in frame.ceilings:
             if np.quantile(plane.distance(self.points), 0.01) < limits.BUILT_IN_M + self.slack_m:
                 return False
-        above = frame.height(self.points)
-        if np.quantile(above, 0.99) > limits.TALLEST_M and _most(hidden[top]):
+        highest = np.sort(frame.height(self.points))[-1 - len(self.points) // 100]
+        if highest > limits.TALLEST_M and top_hidden:
             return False
-        return self.reaches(frame) or _most(hidden[foot])
+        return self.reaches(frame) or foot_hidden
+
+    def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> tuple[bool, bool]:
+        """Tell whether its foot goes on out of sight, and whether its top does."""
+        ends = [self._ends(frame, outline, scan) for scan, outline in enumerate(outlines)]
+        level, hidden = (np.concatenate(values) for values in zip(*ends, strict=True))
+        low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
+        band = max(limits.FOOT * float(high - low), self.slack_m)
+        return _most(hidden[level < low + band]), _most(hidden[level > high - band])
 
     def reaches(self, frame: RoomFrame) -> bool:
         """Tell whether what was measured reaches a floor, or the surface on which it stands."""
         if self.support >= 0:
             return True
-        return bool(np.quantile(frame.height(self.points), 0.01) < limits.STANDS_M + self.slack_m)
+        lowest = np.sort(frame.height(self.points))[len(self.points) // 100]
+        return bool(lowest < limits.STANDS_M + self.slack_m)
 
     def lies_along(self, wall: Wall) -> bool:
         """Tell whether hardly anything of it is farther before a wall than what is fixed to it."""
@@ -139,6 +158,48 @@ class Candidate:
 def _most(hidden: FloatArray) -> bool:
     """Whether a good part of the ends (n,) that are looked at is hidden."""
     return bool(len(hidden) and hidden.mean() >= limits.HIDDEN)
+
+
+def join_hanging(
+    candidates: Sequence[Candidate], frame: RoomFrame, outlines: Sequence[Outline]
+) -> list[Candidate]:
+    """Return candidates of which those that stand on nothing in sight are joined with what they are in.
+
+    Two things take up different parts of a plan, unless one stands on the other. So what lies in the plan of
+    another, and whose own foot or top is out of sight or at the other's height, is of the other.
+    """
+    loose = [k for k, one in enumerate(candidates) if one.support < 0]
+    plans = {k: candidates[k].plan(frame) for k in loose}
+    ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
+    joins = list[tuple[int, int]]()
+    for k in loose:
+        one = candidates[k]
+        foot, top = one.hidden(frame, outlines)
+        stands = one.reaches(frame)
+        for m in loose:
+            other = candidates[m]
+            if m == k or not plans[k].intersects(plans[m]):
+                continue
+            area = plans[m].buffer(one.slack_m)
+            if shapely.contains_xy(area, *(one.points @ frame.axes.T).T).mean() < limits.INSIDE:
+                continue
+            slack = one.slack_m + other.slack_m
+            above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]
+            within = ranges[k][1] < ranges[m][1] + slack
+            is_of = within and top if stands else (above or within or foot)
+            if is_of:
+                joins.append((k, m))
+    pairs = np.array(joins, dtype=np.int64).reshape(-1, 2)
+    n = len(candidates)
+    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, number = connected_components(graph, directed=False)
+    groups: dict[int, list[Part]] = {}
+    for one, group in zip(candidates, number.tolist(), strict=True):
+        groups.setdefault(group, []).extend(one.parts)
+    return [
+        Candidate.of(sorted(parts, key=lambda part: -len(part.pixels)), candidates[0].scans)
+        for parts in groups.values()
+    ]
 
 
 def relate(

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from completion.backs import separation_limits as limits
-from completion.extension.patch import Patch
+from completion.extension.patch import Patch, in_hull
 from completion.observe.observation import Observation
 from completion.room.roles import Room
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -95,7 +96,7 @@ class RoomFrame:
             points = patches[k].source.points(observations, limits.N_POINTS)
             if area < limits.LEAST_SUPPORT_M2 or len(points) < 3:
                 continue
-            outline = shapely.MultiPoint(points @ axes.T).convex_hull
+            outline = _outline(patches[k], axes)
             sd = float(patches[k].stated.standard_deviation(points.mean(axis=0)[None])[0])
             supports.append(Support(k, plane, sd, float(points.mean(axis=0) @ up), outline))
         supports.sort(key=lambda one: one.height_m)
@@ -103,12 +104,12 @@ class RoomFrame:
         return cls(up, axes, room, floors, ceilings, frozenset(numbers), is_room, tuple(supports))
 
     def height(self, points: FloatArray) -> FloatArray:
-        """Height (n,) of points (n, 3) above the highest floor below them, metres; above all if none is."""
-        heights = np.full((1 + len(self.floors), len(points)), np.inf)
-        for k, plane in enumerate(self.floors):
-            above = plane.distance(points)
-            heights[k] = np.where(above > -limits.GAP_M, above, np.inf)
-        return np.asarray(heights.min(axis=0))
+        """Height (n,) of points (n, 3) above the highest floor below them, metres; inf where none is known."""
+        if not self.floors:
+            return np.full(len(points), np.inf)
+        above = np.stack([plane.distance(points) for plane in self.floors])
+        nearest = np.where(above > -limits.GAP_M, above, np.inf).min(axis=0)
+        return np.where(np.isfinite(nearest), nearest, above.max(axis=0))
 
     def is_outside(self, points: FloatArray, origin: FloatArray, slack: FloatArray) -> BoolArray:
         """Tell which points (n, 3) are of floors, ceilings or walls to `slack` (n,), or behind them."""
@@ -205,6 +206,18 @@ class ScanView:
         points = self.points[pixels[:: max(1, len(pixels) // limits.N_POINTS)]]
         spacing, sigma = (float(np.median(values[pixels])) for values in (self.spacing, self.sigma))
         return Part(self.number, pixels, support, points, spacing, sigma)
+
+
+def _outline(patch: Patch, axes: FloatArray) -> shapely.Geometry:
+    """The plan of a level surface: its hull, or, where beams passed much of that, the hulls of its pieces."""
+    places = (patch.grid.centres() @ axes.T).reshape(*patch.grid.shape, 2)
+    hull = in_hull(patch.observed, np.ones(patch.grid.shape, dtype=np.bool_))
+    pieces = [patch.observed]
+    if patch.evidence.open[hull].mean() > limits.PASSED:
+        number, n = ndimage.label(patch.observed, structure=np.ones((3, 3)))
+        pieces = [number == k for k in range(1, n + 1)]
+    hulls = [shapely.MultiPoint(places[piece]).convex_hull for piece in pieces]
+    return shapely.union_all(hulls).buffer(float(patch.grid.cell.max()) / 2)
 
 
 def groups(part: IntArray, least: int) -> Iterator[IntArray]:

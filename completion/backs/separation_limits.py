@@ -33,6 +33,8 @@ BUILT_IN_M = 0.1
 
 LEAST_SUPPORT_M2 = 0.01
 """Square metres of a level surface on which something stands at least."""
+PASSED = 0.2
+"""Share of the hull of a level surface that beams passed, from which its pieces are supports each by itself."""
 INSIDE = 0.6
 """Share of the foot of a thing that lies inside the support on which it stands."""
 BELOW = 0.05
@@ -48,6 +50,10 @@ N_SUPPORTS = 64
 
 LEAST_PIXELS = 60
 """Pixels of a thing in the scan that shows most of it at least."""
+LEAST_SHARE = 0.001
+"""Share of the pixels of the scan that shows most of it at least."""
+GLIMPSE_CUT, GLIMPSE_SHARE = 0.5, 0.01
+"""Share of its outline that is cut from which a thing is not told, unless it fills this share of a scan."""
 LEAST_SPACINGS = 6.0
 """Spacings of pixels along the second longest side of a thing's box at least."""
 STANDS_M = 0.12

@@ -13,7 +13,7 @@ from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled
 
-BORDER, OCCLUDER, FREE = 2, 1, 3
+BORDER, OCCLUDER, FREE, UNKNOWN = 2, 1, 3, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class Outline:
     ----------
     ends : (rows * columns,) uint8
         Of each pixel on the outline of a thing, whether it is cut by the border (2) or by an occluder (1), or
-        ends before something farther or nothing (3); 0 of others.
+        ends before something farther (3) or where nothing came back (4); 0 of others.
     occluded : (n + 1, n + 1) int64
         How many pixels of each thing, from 1, end behind which other; 0 for what is no thing.
     touching : (n + 1, n + 1) int64
@@ -59,7 +59,7 @@ class Outline:
 
     def is_hidden(self, pixels: IntArray) -> BoolArray:
         """Tell which of flat pixels (n,) of an outline do not show where the thing ends."""
-        return np.asarray((self.ends[pixels] == BORDER) | (self.ends[pixels] == OCCLUDER), dtype=np.bool_)
+        return np.isin(self.ends[pixels], (BORDER, OCCLUDER, UNKNOWN))
 
 
 @compiled
@@ -107,5 +107,5 @@ def _look(
                         end = 3
                     break
                 if not found and end == 0:
-                    end = 3
+                    end = 4
             ends[row, column] = end

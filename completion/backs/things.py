@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.backs.candidate import Candidate, relate
+from completion.backs.candidate import Candidate, join_hanging, relate
 from completion.backs.joining import join_parts
 from completion.backs.separation import Part, RoomFrame, ScanView
 from completion.backs.standing import Outline
@@ -58,13 +58,15 @@ def find_things(
         parts += ScanView.of(number, seen, scans.owners[number], frame).parts(frame)
         trim()
 
-    # 2. Join: parts behind an occluder, or seen in several scans, are one thing.
+    # 2. Join: parts behind an occluder, or seen in several scans, are one thing; so is what hangs above or in
+    #    another, where nothing else can stand.
     candidates = [Candidate.of(joined, scans) for joined in join_parts(parts, scans, frame.is_room)]
-    candidates = sorted((one for one in candidates if one.is_resolved(frame)), key=lambda one: -one.n_pixels)
+    candidates = join_hanging(candidates, frame, _outlines(candidates, scans))
+    candidates.sort(key=lambda one: -one.n_pixels)
 
     # 3. Choose: what was seen to hang, to be fixed to a wall or to go up to the ceiling is of the building.
     outlines = _outlines(candidates, scans)
-    kept = [one for one in candidates if one.stands(frame, outlines)]
+    kept = [one for one in candidates if one.is_resolved(frame, outlines) and one.stands(frame, outlines)]
     outlines = _outlines(kept, scans)
 
     # 4. Relate: what things stand on, touch, hide.
