@@ -76,6 +76,17 @@ class Candidate:
         """The convex hull of its plan, along the frame's level axes."""
         return shapely.MultiPoint(self.points @ frame.axes.T).convex_hull
 
+    def area(self, frame: RoomFrame) -> shapely.Geometry:
+        """The plan that it may take up: what was measured, and behind that as much as half its width."""
+        plan = self.plan(frame)
+        eye = self.scans.observations[self.parts[0].scan].scan.origin @ frame.axes.T
+        away = np.array(plan.centroid.coords[0]) - eye
+        away = away / max(float(np.linalg.norm(away)), 1e-9)
+        width = float(np.ptp(self.points @ frame.axes.T @ np.array([-away[1], away[0]])))
+        step = min(limits.DEEP * width, limits.DEEPEST_M) * away
+        behind = shapely.transform(plan, lambda places: places + step)
+        return shapely.union(plan, behind).convex_hull.buffer(self.slack_m)
+
     def box(self, frame: RoomFrame) -> UprightBox:
         """The least upright box, working frame."""
         plan = self.points @ frame.axes.T
@@ -89,8 +100,8 @@ class Candidate:
     def stands(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
         """Tell whether it may stand in the room.
 
-        What was seen to end above the floor hangs. What stays close to a wall, reaches the ceiling, or goes
-        up out of sight, is taken to be of the building.
+        What comes up to a wall and was seen to end above the floor hangs there. What stays close to a wall,
+        reaches the ceiling, or goes up out of sight, is taken to be of the building.
         """
         if any(self.lies_along(wall) for wall in frame.room.walls):
             return False
@@ -101,9 +112,9 @@ class Candidate:
             if np.quantile(plane.distance(self.points), 0.01) < limits.BUILT_IN_M + self.slack_m:
                 return False
         highest = np.sort(frame.height(self.points))[-1 - len(self.points) // 100]
-        if highest > limits.TALLEST_M and top_hidden:
+        if top_hidden and highest > (limits.SHAFT_M if foot_hidden else limits.TALLEST_M):
             return False
-        return self.reaches(frame) or foot_hidden
+        return self.reaches(frame) or foot_hidden or not any(map(self.leans_at, frame.room.walls))
 
     def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> tuple[bool, bool]:
         """Tell whether its foot goes on out of sight, and whether its top does."""
@@ -169,7 +180,7 @@ def join_hanging(
     another, and whose own foot or top is out of sight or at the other's height, is of the other.
     """
     loose = [k for k, one in enumerate(candidates) if one.support < 0]
-    plans = {k: candidates[k].plan(frame) for k in loose}
+    areas = {k: candidates[k].area(frame) for k in loose}
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
     joins = list[tuple[int, int]]()
     for k in loose:
@@ -178,10 +189,9 @@ def join_hanging(
         stands = one.reaches(frame)
         for m in loose:
             other = candidates[m]
-            if m == k or not plans[k].intersects(plans[m]):
+            if m == k or not areas[k].intersects(areas[m]):
                 continue
-            area = plans[m].buffer(one.slack_m)
-            if shapely.contains_xy(area, *(one.points @ frame.axes.T).T).mean() < limits.INSIDE:
+            if shapely.contains_xy(areas[m], *(one.points @ frame.axes.T).T).mean() < limits.INSIDE:
                 continue
             slack = one.slack_m + other.slack_m
             above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]

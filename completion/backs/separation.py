@@ -16,7 +16,8 @@ from completion.extension.patch import Patch, in_hull
 from completion.observe.observation import Observation
 from completion.room.roles import Room
 from scenes.checks import BoolArray, FloatArray, IntArray
-from scenes.surfaces.catalogue import Plane
+from scenes.inclination import LIMIT_DEG
+from scenes.surfaces.catalogue import Cylinder, Plane
 from texture.engine.compiled import compiled
 
 
@@ -28,7 +29,20 @@ class Support:
     plane: Plane
     sd_m: float  # standard deviation of its height
     height_m: float  # of its middle along up
-    outline: shapely.Geometry  # convex hull of what was measured of it, coordinates along the plan's axes
+    outline: shapely.Geometry  # hull of what was measured of it, coordinates along the plan's axes
+
+    def carries(self, foot: FloatArray) -> bool:
+        """Tell whether a foot, places (n, 2) of the plan, lies on it and does not go along all of its side.
+
+        What does is a back or an arm of what it stands on.
+        """
+        inside = shapely.contains_xy(self.outline.buffer(limits.GAP_M / 2), *foot.T)
+        if inside.mean() < limits.INSIDE:
+            return False
+        _, directions = np.linalg.eigh(np.cov(foot.T) if len(foot) > 1 else np.eye(2))
+        along = directions[:, 1]
+        own, whole = np.ptp(foot @ along), np.ptp(shapely.get_coordinates(self.outline) @ along)
+        return bool(own < limits.ALONG * whole)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,13 +96,21 @@ class RoomFrame:
         planes: dict[str, list[Plane]] = {"floor": [], "ceiling": [], "wall": []}
         is_room = np.zeros(1 + len(patches), dtype=np.bool_)
         numbers = list[int]()
+        eye = max(float(seen.scan.origin @ up) for seen in observations)
         for k, patch in enumerate(patches):
             plane = patch.source.fit.surface
-            role = "floor" if patch.limits.index in room.bases else patch.limits.role
+            role = patch.limits.role
             if role and isinstance(plane, Plane):
                 planes[role].append(plane)
                 is_room[k + 1] = True
                 numbers += [k] if role == "floor" else []
+            elif isinstance(plane, Cylinder):
+                length = float(patch.limits.own_high[1] - patch.limits.own_low[1])
+                is_level = abs(float(plane.direction @ up)) < np.sin(np.radians(LIMIT_DEG))
+                is_room[k + 1] = is_level and length > limits.PIPE_DIAMETERS * 2 * plane.radius
+            elif isinstance(plane, Plane) and plane.normal_direction @ up < -limits.FACING_DOWN:
+                lowest = patch.source.points(observations, limits.N_POINTS) @ up
+                is_room[k + 1] = len(lowest) > 0 and np.quantile(lowest, limits.FOOT) > eye
             elif isinstance(plane, Plane) and patch.limits.is_level and plane.normal_direction @ up > 0:
                 found.append((patch.observed_m2, k, plane))
         supports = []
@@ -190,7 +212,6 @@ class ScanView:
         rest = self.free & ~level
         if not (rest & (height > 0)).any():
             return
-        reach = support.outline.buffer(limits.GAP_M / 2)
         for pixels in groups(self.linked(rest), limits.LEAST_PIXELS // 4):
             above = height[pixels]
             bottom, top = np.quantile(above, (0.02, 0.98))
@@ -198,7 +219,7 @@ class ScanView:
             if (above < -slack[pixels]).mean() > limits.BELOW or bottom > gap + np.median(slack[pixels]):
                 continue
             foot = pixels[above < bottom + max(limits.FOOT * (top - bottom), gap)]
-            if shapely.contains_xy(reach, *(self.points[foot] @ frame.axes.T).T).mean() >= limits.INSIDE:
+            if support.carries(self.points[foot] @ frame.axes.T):
                 yield pixels
 
     def _part(self, pixels: IntArray, support: int) -> Part:

@@ -22,10 +22,16 @@ FLAT_M = 0.06
 """Metres from a wall within which what is fixed to it stays: frames, switches, pictures."""
 WITHIN = 0.9
 """Share of the points of a thing of which something holds that is said of the thing."""
+DEEP, DEEPEST_M = 0.5, 0.3
+"""Widths behind what was measured of a thing that it takes up, and metres at most: half of what is round."""
 TALLEST_M = 2.1
 """Metres above the floor up to which a thing may rise whose top is out of sight: higher ones may be walls."""
 HIDDEN = 0.3
 """Share of the ends of a thing at its foot or top that are out of sight, from which that is."""
+SHAFT_M = 1.2
+"""Metres above the floor up to which it may rise if its foot is out of sight too: columns are seen so."""
+PIPE_DIAMETERS = 8.0
+"""Diameters from which a level cylinder is a pipe."""
 BUILT_IN_M = 0.1
 """Metres below a ceiling from which something reaches it, and is part of the building."""
 
@@ -37,6 +43,10 @@ PASSED = 0.2
 """Share of the hull of a level surface that beams passed, from which its pieces are supports each by itself."""
 INSIDE = 0.6
 """Share of the foot of a thing that lies inside the support on which it stands."""
+ALONG = 0.75
+"""Share of the length of a support along the foot of what is on it from which that is a back, an arm, a side."""
+FACING_DOWN = 0.2
+"""Cosine with down from which a plane above all scanners is of a ceiling, which may slope."""
 BELOW = 0.05
 """Share of its points below a support up to which a thing may stand on it."""
 FOOT = 0.1
