@@ -18,9 +18,9 @@ _PART = 0.25  # of the pixels of what is found, from which it holds another thin
 _EITHER = (
     "picture mirror|ceiling lamp|radiator|tall radiator|wall shelf|basin|parapet|podium|stairs|rug"
 ).replace("picture mirror", "picture|mirror")
-_HUNG = re.compile(rf"room \d+ ({_EITHER})( \d+)?(: .*)?$|.*: (pillow|row) \d+.*|.*(curtain|blind).*|.*sill$")
+_HUNG = re.compile(rf"room \d+ ({_EITHER})( \d+)?(: .*)?$|.*: (pillow|row) \d+.*|.*(curtain|blind).*|.*sill$|post \d+ .*")
 _BUILT = re.compile(r"room \d+ (casing|column) \d+: .*")
-_SIDE = re.compile(r"(box \d+|post \d+|drum|table)( .*)?$")
+_SIDE = re.compile(r"(box \d+|drum|table)( .*)?$")
 
 
 @dataclass(frozen=True, slots=True)

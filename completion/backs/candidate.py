@@ -103,7 +103,7 @@ class Candidate:
         What comes up to a wall and was seen to end above the floor hangs there. What stays close to a wall,
         reaches the ceiling, or goes up out of sight, is taken to be of the building.
         """
-        if any(self.lies_along(wall) for wall in frame.room.walls):
+        if any(self.lies_along(wall) for wall in frame.walls):
             return False
         if self.support >= 0:
             return True
@@ -112,9 +112,16 @@ class Candidate:
             if np.quantile(plane.distance(self.points), 0.01) < limits.BUILT_IN_M + self.slack_m:
                 return False
         highest = np.sort(frame.height(self.points))[-1 - len(self.points) // 100]
-        if top_hidden and highest > (limits.SHAFT_M if foot_hidden else limits.TALLEST_M):
+        if top_hidden and (highest > limits.TALLEST_M or (foot_hidden and self.is_shaft(highest))):
             return False
-        return self.reaches(frame) or foot_hidden or not any(map(self.leans_at, frame.room.walls))
+        return self.reaches(frame) or foot_hidden or not any(map(self.leans_at, frame.walls))
+
+    def is_shaft(self, highest_m: float) -> bool:
+        """Tell whether it is tall and nearly all of one surface, as columns, jambs and ends of walls are."""
+        scan = self.parts[0].scan
+        owners = self.scans.owners[scan].ravel()[self.pixels[scan]]
+        share = np.bincount(owners)[1:].max(initial=0) / len(owners)
+        return bool(highest_m > limits.SHAFT_M and share > limits.SHAFT_SHARE)
 
     def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> tuple[bool, bool]:
         """Tell whether its foot goes on out of sight, and whether its top does."""
@@ -179,6 +186,8 @@ def join_hanging(
     Two things take up different parts of a plan, unless one stands on the other. So what lies in the plan of
     another, and whose own foot or top is out of sight or at the other's height, is of the other.
     """
+    size = len(candidates) + 1
+    occluded = sum((outline.occluded for outline in outlines), np.zeros((size, size), np.int64))[1:, 1:]
     loose = [k for k, one in enumerate(candidates) if one.support < 0]
     areas = {k: candidates[k].area(frame) for k in loose}
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
@@ -196,7 +205,8 @@ def join_hanging(
             slack = one.slack_m + other.slack_m
             above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]
             within = ranges[k][1] < ranges[m][1] + slack
-            is_of = within and top if stands else (above or within or foot)
+            is_behind = foot and occluded[k, m] >= limits.CUT_PIXELS
+            is_of = within and top if stands else (above or within or is_behind)
             if is_of:
                 joins.append((k, m))
     pairs = np.array(joins, dtype=np.int64).reshape(-1, 2)
@@ -244,7 +254,7 @@ def relate(
             support_m=None if number < 0 else _height(patches[number], foot, frame, world_from_reference),
             leans_at=tuple(
                 index_of.index(wall.number)
-                for wall in frame.room.walls
+                for wall in frame.walls
                 if wall.number in index_of and one.leans_at(wall)
             ),
             touches=tuple(np.flatnonzero(beside[k]).tolist()),

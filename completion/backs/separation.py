@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.backs import separation_limits as limits
+from completion.backs.upright import is_front, walls_without_role
+from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch, in_hull
 from completion.observe.observation import Observation
+from completion.room.planes import Beams
 from completion.room.roles import Room
+from completion.room.walls import Wall
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.inclination import LIMIT_DEG
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -79,7 +83,7 @@ class RoomFrame:
 
     up: FloatArray  # (3,)
     axes: FloatArray  # (2, 3) level directions
-    room: Room
+    walls: tuple[Wall, ...]  # those that are no fronts
     floors: tuple[Plane, ...]
     ceilings: tuple[Plane, ...]
     floor_numbers: frozenset[int]  # of the floors' surfaces, from 0
@@ -87,43 +91,61 @@ class RoomFrame:
     supports: tuple[Support, ...]  # the lowest first
 
     @classmethod
-    def of(cls, patches: Sequence[Patch], room: Room, observations: Sequence[Observation]) -> RoomFrame:
+    def of(cls, patches: Sequence[Patch], room: Room, scans: Scans) -> RoomFrame:
         """Look at completed surfaces for what is of the room, and for supports."""
-        up, found = room.up, []
+        up, observations, found = room.up, scans.observations, []
         seed = np.eye(3)[int(np.argmin(np.abs(up)))]
         first = np.cross(up, seed) / np.linalg.norm(np.cross(up, seed))
         axes = np.stack([first, np.cross(up, first)])
-        planes: dict[str, list[Plane]] = {"floor": [], "ceiling": [], "wall": []}
+        beams = Beams.of(observations, limits.N_BEAMS)
+        number = {patch.limits.index: k for k, patch in enumerate(patches) if patch.limits.index >= 0}
+        walls = tuple(
+            wall
+            for wall in room.walls
+            if wall.number in number
+            and not is_front(wall, patches[number[wall.number]].source.points(observations, 8000), beams)
+        )
+        kept = {number[wall.number] for wall in walls}
+        floors, ceilings = list[tuple[int, Plane]](), list[tuple[int, Plane]]()
+        heights = [layout.floor_m for layout in room.layouts], [layout.ceiling_m for layout in room.layouts]
+        low, high = min(heights[0], default=-np.inf), max(heights[1], default=np.inf)
         is_room = np.zeros(1 + len(patches), dtype=np.bool_)
-        numbers = list[int]()
+        is_room[np.array([*kept, *walls_without_role(patches, scans, up, low, high)], np.int64) + 1] = True
         eye = max(float(seen.scan.origin @ up) for seen in observations)
         for k, patch in enumerate(patches):
-            plane = patch.source.fit.surface
-            role = patch.limits.role
-            if role and isinstance(plane, Plane):
-                planes[role].append(plane)
-                is_room[k + 1] = True
-                numbers += [k] if role == "floor" else []
-            elif isinstance(plane, Cylinder):
+            plane, role = patch.source.fit.surface, patch.limits.role
+            if isinstance(plane, Cylinder):
                 length = float(patch.limits.own_high[1] - patch.limits.own_low[1])
                 is_level = abs(float(plane.direction @ up)) < np.sin(np.radians(LIMIT_DEG))
-                is_room[k + 1] = is_level and length > limits.PIPE_DIAMETERS * 2 * plane.radius
-            elif isinstance(plane, Plane) and plane.normal_direction @ up < -limits.FACING_DOWN:
-                lowest = patch.source.points(observations, limits.N_POINTS) @ up
-                is_room[k + 1] = len(lowest) > 0 and np.quantile(lowest, limits.FOOT) > eye
-            elif isinstance(plane, Plane) and patch.limits.is_level and plane.normal_direction @ up > 0:
+                is_room[k + 1] |= is_level and length > limits.PIPE_DIAMETERS * 2 * plane.radius
+            if not isinstance(plane, Plane):
+                continue
+            facing = float(plane.normal_direction @ up)
+            if role in ("floor", "ceiling"):
+                (floors if role == "floor" else ceilings).append((k, plane))
+                is_room[k + 1] = True
+            elif facing < -limits.FACING_DOWN:
+                level = patch.source.points(observations, limits.N_POINTS) @ up
+                is_room[k + 1] |= len(level) > 0 and np.quantile(level, limits.FOOT) > eye
+            elif patch.limits.is_level and facing > 0 and patch.observed_m2 >= limits.LEAST_SUPPORT_M2:
                 found.append((patch.observed_m2, k, plane))
         supports = []
-        for area, k, plane in sorted(found, key=lambda one: (-one[0], one[1]))[: limits.N_SUPPORTS]:
+        for _, k, plane in sorted(found, key=lambda one: (-one[0], one[1]))[: limits.N_SUPPORTS]:
             points = patches[k].source.points(observations, limits.N_POINTS)
-            if area < limits.LEAST_SUPPORT_M2 or len(points) < 3:
-                continue
-            outline = _outline(patches[k], axes)
-            sd = float(patches[k].stated.standard_deviation(points.mean(axis=0)[None])[0])
-            supports.append(Support(k, plane, sd, float(points.mean(axis=0) @ up), outline))
-        supports.sort(key=lambda one: one.height_m)
-        floors, ceilings = tuple(planes["floor"]), tuple(planes["ceiling"])
-        return cls(up, axes, room, floors, ceilings, frozenset(numbers), is_room, tuple(supports))
+            if len(points):
+                sd = float(patches[k].stated.standard_deviation(points.mean(axis=0)[None])[0])
+                height = float(points.mean(axis=0) @ up)
+                supports.append(Support(k, plane, sd, height, _outline(patches[k], axes)))
+        return cls(
+            up=up,
+            axes=axes,
+            walls=walls,
+            floors=tuple(plane for _, plane in floors),
+            floor_numbers=frozenset(k for k, _ in floors),
+            ceilings=tuple(plane for _, plane in ceilings),
+            is_room=is_room,
+            supports=tuple(sorted(supports, key=lambda one: one.height_m)),
+        )
 
     def height(self, points: FloatArray) -> FloatArray:
         """Height (n,) of points (n, 3) above the highest floor below them, metres; inf where none is known."""
@@ -142,7 +164,7 @@ class RoomFrame:
             outside |= np.max([plane.distance(points) for plane in self.floors], axis=0) < 0
         for plane in self.ceilings:
             outside |= plane.distance(points) < slack
-        for wall in self.room.walls:
+        for wall in self.walls:
             depth = wall.plane.distance(points)
             before = float(wall.plane.distance(origin[None])[0])
             if before <= 0:

@@ -30,6 +30,13 @@ HIDDEN = 0.3
 """Share of the ends of a thing at its foot or top that are out of sight, from which that is."""
 SHAFT_M = 1.2
 """Metres above the floor up to which it may rise if its foot is out of sight too: columns are seen so."""
+SHAFT_SHARE = 0.8
+"""Share of its pixels that are then of one surface: a column, a jamb, a leaf, the end of a wall."""
+WIDE_M = 1.2
+"""Metres of an upright surface whose top is out of sight, from which it is a wall."""
+DEEP_M, COLUMN_M, MOSTLY = 0.9, 0.1, 0.5
+"""Metres behind the front of a cupboard at which the wall stands at most; metres of the columns in which is
+looked whether beams pass above a front; share of them from which it is one."""
 PIPE_DIAMETERS = 8.0
 """Diameters from which a level cylinder is a pipe."""
 BUILT_IN_M = 0.1
@@ -66,6 +73,8 @@ GLIMPSE_CUT, GLIMPSE_SHARE = 0.5, 0.01
 """Share of its outline that is cut from which a thing is not told, unless it fills this share of a scan."""
 LEAST_SPACINGS = 6.0
 """Spacings of pixels along the second longest side of a thing's box at least."""
+N_BEAMS = 60_000
+"""Beams of all scans by which fronts are told from walls."""
 STANDS_M = 0.12
 """Metres above a support from which what was measured of a thing does not reach it, where that is in sight."""
 N_POINTS = 1500
@@ -76,6 +85,8 @@ CELL_M = 0.03
 """Metres: cells of space in which parts from several scans are compared, unless pixels are farther apart."""
 NEAR_CELLS = 2.0
 """Cells within which two things touch."""
+SIDE_PX = 6
+"""Pixels beside an outline in which is looked what is there: pixels between that meet both are left out."""
 CUT_SHARE, CUT_PIXELS = 0.02, 4
 """Share of the outline of a thing, and pixels, from which it counts as cut by the border or an occluder."""
 LEAN_M = 0.03

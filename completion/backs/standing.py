@@ -45,7 +45,7 @@ class Outline:
         bounds = np.array([rows.min(), rows.max(), columns.min(), columns.max()] if len(rows) else [0, 0, 0, 0])
         ends = np.zeros(label.shape, dtype=np.uint8)
         occluded, touching = (np.zeros((n_things + 1, n_things + 1), np.int64) for _ in range(2))
-        _look(ranges, label, slack, bounds, limits.ACROSS_PX, ends, occluded, touching)
+        _look(ranges, label, slack, bounds, limits.SIDE_PX, ends, occluded, touching)
         return cls(ends.ravel(), occluded, touching)
 
     def cut(self, pixels: IntArray) -> tuple[bool, bool]:

@@ -52,7 +52,7 @@ def find_things(
     if not up.is_decided:
         return ()
     # 1. Separate: parts of each scan that are none of the room, by what they stand on.
-    frame = RoomFrame.of(patches, room, scans.observations)
+    frame = RoomFrame.of(patches, room, scans)
     parts = list[Part]()
     for number, seen in enumerate(scans.observations):
         parts += ScanView.of(number, seen, scans.owners[number], frame).parts(frame)
