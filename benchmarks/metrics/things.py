@@ -20,7 +20,7 @@ _EITHER = (
 ).replace("picture mirror", "picture|mirror")
 _HUNG = re.compile(rf"room \d+ ({_EITHER})( \d+)?(: .*)?$|.*: (pillow|row) \d+.*|.*(curtain|blind).*|.*sill$|post \d+ .*")
 _BUILT = re.compile(r"room \d+ (casing|column) \d+: .*")
-_SIDE = re.compile(r"(box \d+|drum|table)( .*)?$")
+_SIDE = re.compile(r"(box \d+|drum|table|cabinet|screen)( .*)?$")
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from completion.backs import separation_limits as limits
 from completion.backs.separation import Part, RoomFrame
-from completion.backs.standing import BORDER, OCCLUDER, Outline
+from completion.backs.standing import BORDER, OCCLUDER, ROOM, Outline
 from completion.backs.thing import Cut, Thing, UprightBox
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
@@ -111,17 +111,31 @@ class Candidate:
         for plane in frame.ceilings:
             if np.quantile(plane.distance(self.points), 0.01) < limits.BUILT_IN_M + self.slack_m:
                 return False
-        highest = np.sort(frame.height(self.points))[-1 - len(self.points) // 100]
-        if top_hidden and (highest > limits.TALLEST_M or (foot_hidden and self.is_shaft(highest))):
+        if top_hidden and self.is_building(frame, outlines):
             return False
         return self.reaches(frame) or foot_hidden or not any(map(self.leans_at, frame.walls))
 
-    def is_shaft(self, highest_m: float) -> bool:
-        """Tell whether it is tall and nearly all of one surface, as columns, jambs and ends of walls are."""
+    def is_building(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+        """Tell whether, its top out of sight, it is the end of a wall, a jamb, a column, or as high.
+
+        These go on into the room at their sides, or are nearly all of one tall surface.
+        """
+        height = np.sort(frame.height(self.points))
+        highest = float(height[-1 - len(height) // 100])
         scan = self.parts[0].scan
-        owners = self.scans.owners[scan].ravel()[self.pixels[scan]]
-        share = np.bincount(owners)[1:].max(initial=0) / len(owners)
-        return bool(highest_m > limits.SHAFT_M and share > limits.SHAFT_SHARE)
+        pixels = self.pixels[scan]
+        share = np.bincount(self.scans.owners[scan].ravel()[pixels])[1:].max(initial=0) / len(pixels)
+        pixels = pixels[outlines[scan].ends[pixels] > 0]
+        level = self.scans.observations[scan].points_at(pixels) @ frame.up
+        low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
+        sides = outlines[scan].ends[pixels][level > low + (high - low) / 4]
+        goes_on = np.count_nonzero(sides == ROOM) > limits.JOINED * len(sides)
+        is_tall = high - low > limits.RISING_M
+        return bool(
+            highest > limits.TALLEST_M
+            or (is_tall and goes_on)
+            or (highest > limits.SHAFT_M and share > limits.SHAFT_SHARE)
+        )
 
     def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> tuple[bool, bool]:
         """Tell whether its foot goes on out of sight, and whether its top does."""
@@ -188,14 +202,15 @@ def join_hanging(
     """
     size = len(candidates) + 1
     occluded = sum((outline.occluded for outline in outlines), np.zeros((size, size), np.int64))[1:, 1:]
-    loose = [k for k, one in enumerate(candidates) if one.support < 0]
+    hidden = [one.hidden(frame, outlines) for one in candidates]
+    loose = [k for k, one in enumerate(candidates) if one.support < 0 or hidden[k][0]]
     areas = {k: candidates[k].area(frame) for k in loose}
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
     joins = list[tuple[int, int]]()
     for k in loose:
         one = candidates[k]
-        foot, top = one.hidden(frame, outlines)
-        stands = one.reaches(frame)
+        foot, top = hidden[k]
+        stands = one.support < 0 and one.reaches(frame)
         for m in loose:
             other = candidates[m]
             if m == k or not areas[k].intersects(areas[m]):

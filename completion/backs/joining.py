@@ -6,16 +6,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import ndimage
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from completion.backs import separation_limits as limits
 from completion.backs.separation import Part
 from completion.evidence.evidence import Scans
+from completion.extension.patch import Patch
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 
-def join_parts(parts: Sequence[Part], scans: Scans, is_room: BoolArray) -> list[list[Part]]:
+def join_parts(
+    parts: Sequence[Part], patches: Sequence[Patch], scans: Scans, is_room: BoolArray
+) -> list[list[Part]]:
     """Return the parts of each thing, the largest first in each.
 
     Two parts are one where a completed surface has pixels in both: it was joined behind what stands before
@@ -25,6 +29,8 @@ def join_parts(parts: Sequence[Part], scans: Scans, is_room: BoolArray) -> list[
     ----------
     parts : sequence of Part
         Of all scans.
+    patches : sequence of Patch
+        The completed surfaces.
     scans : Scans
         The scans, with the surface of each pixel.
     is_room : (1 + surfaces,) bool
@@ -33,7 +39,7 @@ def join_parts(parts: Sequence[Part], scans: Scans, is_room: BoolArray) -> list[
     if not parts:
         return []
     support = np.array([part.support for part in parts])
-    graph = _by_surface(parts, scans, is_room, support) + _by_space(parts, scans, support)
+    graph = _by_surface(parts, patches, scans, is_room, support) + _by_space(parts, scans, support)
     _, number = connected_components(graph, directed=False)
     size = np.array([len(part.pixels) for part in parts])
     order = np.lexsort((np.arange(len(parts)), -size))
@@ -43,15 +49,29 @@ def join_parts(parts: Sequence[Part], scans: Scans, is_room: BoolArray) -> list[
     return list(joined.values())
 
 
-def _by_surface(parts: Sequence[Part], scans: Scans, is_room: BoolArray, support: IntArray) -> csr_array:
-    """Which parts (n, n) hold pixels of one surface, and stand on the same."""
-    rows, surfaces = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+def _by_surface(
+    parts: Sequence[Part], patches: Sequence[Patch], scans: Scans, is_room: BoolArray, support: IntArray
+) -> csr_array:
+    """Which parts (n, n) hold pixels of one surface that goes on between them, and stand on the same."""
+    rows, keys = list[int](), list[int]()
+    pieces: dict[int, IntArray] = {}
+    n_keys = 0
+    first: dict[int, int] = {}
     for k, part in enumerate(parts):
-        found, count = np.unique(scans.owners[part.scan].ravel()[part.pixels], return_counts=True)
-        found = found[(count >= limits.LEAST_PIXELS // 4) & ~is_room[found] & (found > 0)]
-        rows.append(np.full(len(found), k))
-        surfaces.append(found * (support.max() + 2) + part.support + 1)
-    return _shared(np.concatenate(rows), np.concatenate(surfaces), len(parts))
+        owners = scans.owners[part.scan].ravel()[part.pixels]
+        found, count = np.unique(owners, return_counts=True)
+        for number in found[(count >= limits.LEAST_PIXELS // 4) & ~is_room[found] & (found > 0)].tolist():
+            patch = patches[number - 1]
+            if number not in pieces:
+                pieces[number] = ndimage.label(patch.observed | patch.hypothesised, np.ones((3, 3)))[0]
+                first[number], n_keys = n_keys, n_keys + int(pieces[number].max()) + 1
+            points = scans.observations[part.scan].points_at(part.pixels[owners == number])
+            _, cell = patch.grid.cells_of(points)
+            if len(cell):
+                piece = int(np.bincount(pieces[number].ravel()[cell]).argmax())
+                rows.append(k)
+                keys.append((first[number] + piece) * (int(support.max()) + 2) + part.support + 1)
+    return _shared(np.array(rows, np.int64), np.array(keys, np.int64), len(parts))
 
 
 def _by_space(parts: Sequence[Part], scans: Scans, support: IntArray) -> csr_array:

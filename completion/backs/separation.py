@@ -103,7 +103,12 @@ class RoomFrame:
             wall
             for wall in room.walls
             if wall.number in number
-            and not is_front(wall, patches[number[wall.number]].source.points(observations, 8000), beams)
+            and not is_front(
+                wall,
+                patches[number[wall.number]].source.points(observations, limits.N_FRONT_POINTS),
+                beams,
+                room.walls,
+            )
         )
         kept = {number[wall.number] for wall in walls}
         floors, ceilings = list[tuple[int, Plane]](), list[tuple[int, Plane]]()

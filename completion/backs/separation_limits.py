@@ -30,8 +30,9 @@ HIDDEN = 0.3
 """Share of the ends of a thing at its foot or top that are out of sight, from which that is."""
 SHAFT_M = 1.2
 """Metres above the floor up to which it may rise if its foot is out of sight too: columns are seen so."""
-SHAFT_SHARE = 0.8
-"""Share of its pixels that are then of one surface: a column, a jamb, a leaf, the end of a wall."""
+SHAFT_SHARE, RISING_M, JOINED = 0.8, 0.4, 0.25
+"""Share of its pixels that are then of one surface; metres that it rises, and share of its sides at which it
+goes on into the room, from which it is the end of a wall."""
 WIDE_M = 1.2
 """Metres of an upright surface whose top is out of sight, from which it is a wall."""
 DEEP_M, COLUMN_M, MOSTLY = 0.9, 0.1, 0.5
@@ -73,8 +74,8 @@ GLIMPSE_CUT, GLIMPSE_SHARE = 0.5, 0.01
 """Share of its outline that is cut from which a thing is not told, unless it fills this share of a scan."""
 LEAST_SPACINGS = 6.0
 """Spacings of pixels along the second longest side of a thing's box at least."""
-N_BEAMS = 60_000
-"""Beams of all scans by which fronts are told from walls."""
+N_BEAMS, N_FRONT_POINTS = 60_000, 8000
+"""Beams of all scans, and points of each wall, by which fronts are told from walls."""
 STANDS_M = 0.12
 """Metres above a support from which what was measured of a thing does not reach it, where that is in sight."""
 N_POINTS = 1500

@@ -13,7 +13,7 @@ from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled
 
-BORDER, OCCLUDER, FREE, UNKNOWN = 2, 1, 3, 4
+BORDER, OCCLUDER, FREE, UNKNOWN, ROOM = 2, 1, 3, 4, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,8 @@ class Outline:
     ----------
     ends : (rows * columns,) uint8
         Of each pixel on the outline of a thing, whether it is cut by the border (2) or by an occluder (1), or
-        ends before something farther (3) or where nothing came back (4); 0 of others.
+        ends before something farther (3) or where nothing came back (4), or goes
+        on into what is no thing (5); 0 of others.
     occluded : (n + 1, n + 1) int64
         How many pixels of each thing, from 1, end behind which other; 0 for what is no thing.
     touching : (n + 1, n + 1) int64
@@ -103,7 +104,9 @@ def _look(
                             end = 1
                     elif nearer > -most:
                         touching[own, other] += 1
-                    elif end == 0:
+                        if end == 0 and other == 0:
+                            end = 5
+                    elif end == 0 or end == 5:
                         end = 3
                     break
                 if not found and end == 0:

@@ -60,7 +60,7 @@ def find_things(
 
     # 2. Join: parts behind an occluder, or seen in several scans, are one thing; so is what hangs above or in
     #    another, where nothing else can stand.
-    candidates = [Candidate.of(joined, scans) for joined in join_parts(parts, scans, frame.is_room)]
+    candidates = [Candidate.of(joined, scans) for joined in join_parts(parts, patches, scans, frame.is_room)]
     candidates = join_hanging(candidates, frame, _outlines(candidates, scans))
     candidates.sort(key=lambda one: -one.n_pixels)
 

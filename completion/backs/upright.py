@@ -14,13 +14,14 @@ from completion.extension.patch import Patch
 from completion.room.planes import Beams
 from completion.room.walls import Wall
 from scenes.checks import FloatArray
+from scenes.inclination import LEVEL_COSINE
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 
-def is_front(wall: Wall, points: FloatArray, beams: Beams) -> bool:
+def is_front(wall: Wall, points: FloatArray, beams: Beams, others: Sequence[Wall]) -> bool:
     """Tell whether a wall is rather the front of something low, before another wall.
 
-    Over most of its length beams pass above what was measured of it, and end soon behind.
+    Over most of its length beams pass above what was measured of it, and end at a wall soon behind.
 
     Parameters
     ----------
@@ -30,10 +31,18 @@ def is_front(wall: Wall, points: FloatArray, beams: Beams) -> bool:
         What was measured of it.
     beams : Beams
         Of all scans.
+    others : sequence of Wall
+        All walls.
     """
     before, after = wall.plane.distance(beams.origin), wall.plane.distance(beams.point)
     slack = limits.FLAT_M + limits.N_SIGMA * beams.sigma
     passes = (before > 0) & (after < -slack) & (after > -limits.DEEP_M)
+    behind = [
+        np.abs(other.plane.distance(beams.point)) < slack
+        for other in others
+        if other is not wall and other.plane.normal_direction @ wall.plane.normal_direction > LEVEL_COSINE
+    ]
+    passes &= np.any(behind, axis=0) if behind else False
     part = before[passes] / (before[passes] - after[passes])
     at = wall.places(beams.origin[passes] + part[:, None] * (beams.point - beams.origin)[passes])
     place = wall.places(points)
