@@ -105,14 +105,14 @@ class Candidate:
         """
         if any(self.lies_along(wall) for wall in frame.walls):
             return False
-        if self.support >= 0:
-            return True
         foot_hidden, top_hidden = self.hidden(frame, outlines)
         for plane in frame.ceilings:
             if np.quantile(plane.distance(self.points), 0.01) < limits.BUILT_IN_M + self.slack_m:
                 return False
         if top_hidden and self.is_building(frame, outlines):
             return False
+        if self.support >= 0:
+            return True
         return self.reaches(frame) or foot_hidden or not any(map(self.leans_at, frame.walls))
 
     def is_building(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
@@ -131,8 +131,10 @@ class Candidate:
         sides = outlines[scan].ends[pixels][level > low + (high - low) / 4]
         goes_on = np.count_nonzero(sides == ROOM) > limits.JOINED * len(sides)
         is_tall = high - low > limits.RISING_M
+        is_slender = high - low > limits.SLENDER * self.box(frame).size[:2].max()
         return bool(
             highest > limits.TALLEST_M
+            or is_slender
             or (is_tall and goes_on)
             or (highest > limits.SHAFT_M and share > limits.SHAFT_SHARE)
         )
@@ -220,8 +222,8 @@ def join_hanging(
             slack = one.slack_m + other.slack_m
             above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]
             within = ranges[k][1] < ranges[m][1] + slack
-            is_behind = foot and occluded[k, m] >= limits.CUT_PIXELS
-            is_of = within and top if stands else (above or within or is_behind)
+            is_behind = occluded[k, m] >= limits.CUT_PIXELS
+            is_of = is_behind and within and top if stands else (above or within or (is_behind and foot))
             if is_of:
                 joins.append((k, m))
     pairs = np.array(joins, dtype=np.int64).reshape(-1, 2)

@@ -134,8 +134,12 @@ class RoomFrame:
                 is_room[k + 1] |= len(level) > 0 and np.quantile(level, limits.FOOT) > eye
             elif patch.limits.is_level and facing > 0 and patch.observed_m2 >= limits.LEAST_SUPPORT_M2:
                 found.append((patch.observed_m2, k, plane))
+        found.sort(key=lambda one: (-one[0], one[1]))
+        if not floors and found and found[0][0] > limits.GROUND_M2:
+            floors.append(found.pop(0)[1:])
+            is_room[floors[0][0] + 1] = True
         supports = []
-        for _, k, plane in sorted(found, key=lambda one: (-one[0], one[1]))[: limits.N_SUPPORTS]:
+        for _, k, plane in found[: limits.N_SUPPORTS]:
             points = patches[k].source.points(observations, limits.N_POINTS)
             if len(points):
                 sd = float(patches[k].stated.standard_deviation(points.mean(axis=0)[None])[0])

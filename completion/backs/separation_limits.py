@@ -33,6 +33,8 @@ SHAFT_M = 1.2
 SHAFT_SHARE, RISING_M, JOINED = 0.8, 0.4, 0.25
 """Share of its pixels that are then of one surface; metres that it rises, and share of its sides at which it
 goes on into the room, from which it is the end of a wall."""
+SLENDER = 2.5
+"""Times its width that something whose top is out of sight rises, from which it may be a post or a curtain."""
 WIDE_M = 1.2
 """Metres of an upright surface whose top is out of sight, from which it is a wall."""
 DEEP_M, COLUMN_M, MOSTLY = 0.9, 0.1, 0.5
@@ -51,6 +53,8 @@ PASSED = 0.2
 """Share of the hull of a level surface that beams passed, from which its pieces are supports each by itself."""
 INSIDE = 0.6
 """Share of the foot of a thing that lies inside the support on which it stands."""
+GROUND_M2 = 1.0
+"""Square metres of a level surface from which the largest is the ground where no floor is known."""
 ALONG = 0.75
 """Share of the length of a support along the foot of what is on it from which that is a back, an arm, a side."""
 FACING_DOWN = 0.2
