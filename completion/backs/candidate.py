@@ -5,21 +5,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from completion.backs import separation_limits as limits
 from completion.backs.separation import Part, RoomFrame
-from completion.backs.standing import BORDER, OCCLUDER, ROOM, Outline
+from completion.backs.standing import BORDER, OCCLUDER, ROOM, UNKNOWN, Outline
 from completion.backs.thing import Cut, Thing, UprightBox
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
 from completion.room.walls import Wall
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
+
+
+class OutOfSight(NamedTuple):
+    """Whether the foot and the top of something go on out of sight, and the top past the border of an image."""
+
+    foot: bool
+    top: bool
+    past_border: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,15 +115,15 @@ class Candidate:
         """
         if any(self.lies_along(wall) for wall in frame.walls):
             return False
-        foot_hidden, top_hidden = self.hidden(frame, outlines)
+        hidden = self.hidden(frame, outlines)
         for plane in frame.ceilings:
             if np.quantile(plane.distance(self.points), 0.01) < limits.BUILT_IN_M + self.slack_m:
                 return False
-        if top_hidden and self.is_building(frame, outlines):
+        if hidden.past_border and self.is_building(frame, outlines):
             return False
         if self.support >= 0:
             return True
-        return self.reaches(frame) or foot_hidden or not any(map(self.leans_at, frame.walls))
+        return self.reaches(frame) or hidden.foot or not any(map(self.leans_at, frame.walls))
 
     def is_building(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
         """Tell whether, its top out of sight, it is the end of a wall, a jamb, a column, or as high.
@@ -139,13 +149,19 @@ class Candidate:
             or (highest > limits.SHAFT_M and share > limits.SHAFT_SHARE)
         )
 
-    def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> tuple[bool, bool]:
-        """Tell whether its foot goes on out of sight, and whether its top does."""
-        ends = [self._ends(frame, outline, scan) for scan, outline in enumerate(outlines)]
-        level, hidden = (np.concatenate(values) for values in zip(*ends, strict=True))
+    def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> OutOfSight:
+        """Tell whether its ends go on out of sight."""
+        height, ends = list[FloatArray](), list[NDArray[np.uint8]]()
+        for seen, outline, pixels in zip(self.scans.observations, outlines, self.pixels, strict=True):
+            border = pixels[outline.ends[pixels] > 0]
+            height.append(seen.points_at(border) @ frame.up)
+            ends.append(outline.ends[border])
+        level, end = np.concatenate(height), np.concatenate(ends)
         low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
         band = max(limits.FOOT * float(high - low), self.slack_m)
-        return _most(hidden[level < low + band]), _most(hidden[level > high - band])
+        is_out = np.isin(end, (BORDER, OCCLUDER, UNKNOWN))
+        foot, top = level < low + band, level > high - band
+        return OutOfSight(_most(is_out[foot]), _most(is_out[top]), _most(end[top] == BORDER))
 
     def reaches(self, frame: RoomFrame) -> bool:
         """Tell whether what was measured reaches a floor, or the surface on which it stands."""
@@ -167,12 +183,6 @@ class Candidate:
         most = limits.LEAN_M + limits.N_SIGMA * self.parts[0].sigma_m
         return bool(beside.any() and np.quantile(away[beside], 0.02) < most)
 
-    def _ends(self, frame: RoomFrame, outline: Outline, scan: int) -> tuple[FloatArray, FloatArray]:
-        """Heights (n,) along up of the pixels on its outline in a scan, and whether it goes on there."""
-        pixels = self.pixels[scan][outline.ends[self.pixels[scan]] > 0]
-        height = self.scans.observations[scan].points_at(pixels) @ frame.up
-        return height, outline.is_hidden(pixels).astype(np.float64)
-
     def surfaces(self, n_surfaces: int) -> IntArray:
         """Numbers, from 0, of the surfaces most of whose pixels are of it."""
         own, every = np.zeros(n_surfaces + 1), np.zeros(n_surfaces + 1)
@@ -189,7 +199,7 @@ class Candidate:
         return float(((ranges * seen.scan.projection.pixel_angle) ** 2).sum())
 
 
-def _most(hidden: FloatArray) -> bool:
+def _most(hidden: BoolArray) -> bool:
     """Whether a good part of the ends (n,) that are looked at is hidden."""
     return bool(len(hidden) and hidden.mean() >= limits.HIDDEN)
 
@@ -205,17 +215,16 @@ def join_hanging(
     size = len(candidates) + 1
     occluded = sum((outline.occluded for outline in outlines), np.zeros((size, size), np.int64))[1:, 1:]
     hidden = [one.hidden(frame, outlines) for one in candidates]
-    loose = [k for k, one in enumerate(candidates) if one.support < 0 or hidden[k][0]]
+    loose = [k for k, one in enumerate(candidates) if one.support < 0 or hidden[k].foot]
     areas = {k: candidates[k].area(frame) for k in loose}
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
     joins = list[tuple[int, int]]()
     for k in loose:
         one = candidates[k]
-        foot, top = hidden[k]
-        stands = one.support < 0 and one.reaches(frame)
+        stands, best, most = one.support < 0 and one.reaches(frame), -1, 0
         for m in loose:
             other = candidates[m]
-            if m == k or not areas[k].intersects(areas[m]):
+            if m == k or not areas[k].intersects(areas[m]) or (best >= 0 and other.n_pixels < most):
                 continue
             if shapely.contains_xy(areas[m], *(one.points @ frame.axes.T).T).mean() < limits.INSIDE:
                 continue
@@ -223,9 +232,10 @@ def join_hanging(
             above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]
             within = ranges[k][1] < ranges[m][1] + slack
             is_behind = occluded[k, m] >= limits.CUT_PIXELS
-            is_of = is_behind and within and top if stands else (above or within or (is_behind and foot))
-            if is_of:
-                joins.append((k, m))
+            is_leg = is_behind and within and hidden[k].top
+            if is_leg if stands else (above or within or (is_behind and hidden[k].foot)):
+                best, most = m, other.n_pixels
+        joins += [(k, best)] if best >= 0 else []
     pairs = np.array(joins, dtype=np.int64).reshape(-1, 2)
     n = len(candidates)
     graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))

@@ -58,10 +58,6 @@ class Outline:
             bool(np.count_nonzero(ends == OCCLUDER) >= least),
         )
 
-    def is_hidden(self, pixels: IntArray) -> BoolArray:
-        """Tell which of flat pixels (n,) of an outline do not show where the thing ends."""
-        return np.isin(self.ends[pixels], (BORDER, OCCLUDER, UNKNOWN))
-
 
 @compiled
 def _look(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.backs import separation_limits as limits
-from completion.backs.standing import Outline
+from completion.backs.standing import BORDER, Outline
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
 from completion.room.planes import Beams
@@ -86,7 +86,7 @@ def walls_without_role(
         border = np.flatnonzero(outline.ends)
         which = label.ravel()[border]
         height = seen.points_at(border) @ up
-        out = outline.is_hidden(border)
+        out = outline.ends[border] == BORDER
         for k in range(len(asked)):
             ends[k].append(height[which == k + 1])
             hidden[k].append(out[which == k + 1].astype(np.float64))
