@@ -123,7 +123,11 @@ class Candidate:
             return False
         if self.support >= 0:
             return True
-        return self.reaches(frame) or hidden.foot or not any(map(self.leans_at, frame.walls))
+        return self.reaches(frame) or hidden.foot or not self.hangs(frame)
+
+    def hangs(self, frame: RoomFrame) -> bool:
+        """Tell whether there is a wall at which it may hang."""
+        return any(map(self.leans_at, frame.walls))
 
     def is_building(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
         """Tell whether, its top out of sight, it is the end of a wall, a jamb, a column, or as high.
@@ -217,6 +221,7 @@ def join_hanging(
     hidden = [one.hidden(frame, outlines) for one in candidates]
     loose = [k for k, one in enumerate(candidates) if one.support < 0 or hidden[k].foot]
     areas = {k: candidates[k].area(frame) for k in loose}
+    rests = [one.support >= 0 or one.reaches(frame) or one.hangs(frame) for one in candidates]
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
     joins = list[tuple[int, int]]()
     for k in loose:
@@ -232,7 +237,7 @@ def join_hanging(
             above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]
             within = ranges[k][1] < ranges[m][1] + slack
             is_behind = occluded[k, m] >= limits.CUT_PIXELS
-            is_leg = is_behind and within and hidden[k].top
+            is_leg = is_behind and within and (hidden[k].top or not rests[m])
             if is_leg if stands else (above or within or (is_behind and hidden[k].foot)):
                 best, most = m, other.n_pixels
         joins += [(k, best)] if best >= 0 else []

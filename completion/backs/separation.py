@@ -35,18 +35,18 @@ class Support:
     height_m: float  # of its middle along up
     outline: shapely.Geometry  # hull of what was measured of it, coordinates along the plan's axes
 
-    def carries(self, foot: FloatArray) -> bool:
-        """Tell whether a foot, places (n, 2) of the plan, lies on it and does not go along all of its side.
+    def carries(self, foot: FloatArray, whole: FloatArray) -> bool:
+        """Tell whether what has a foot and a whole, places (n, 2) of the plan, stands on it by itself.
 
-        What does is a back or an arm of what it stands on.
+        The foot lies on it. What goes along all of its side is a back or an arm of what it is of.
         """
         inside = shapely.contains_xy(self.outline.buffer(limits.GAP_M / 2), *foot.T)
         if inside.mean() < limits.INSIDE:
             return False
         _, directions = np.linalg.eigh(np.cov(foot.T) if len(foot) > 1 else np.eye(2))
         along = directions[:, 1]
-        own, whole = np.ptp(foot @ along), np.ptp(shapely.get_coordinates(self.outline) @ along)
-        return bool(own < limits.ALONG * whole)
+        own, side = np.ptp(whole @ along), np.ptp(shapely.get_coordinates(self.outline) @ along)
+        return bool(own < limits.ALONG * side)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,7 +250,7 @@ class ScanView:
             if (above < -slack[pixels]).mean() > limits.BELOW or bottom > gap + np.median(slack[pixels]):
                 continue
             foot = pixels[above < bottom + max(limits.FOOT * (top - bottom), gap)]
-            if support.carries(self.points[foot] @ frame.axes.T):
+            if support.carries(self.points[foot] @ frame.axes.T, self.points[pixels] @ frame.axes.T):
                 yield pixels
 
     def _part(self, pixels: IntArray, support: int) -> Part:
