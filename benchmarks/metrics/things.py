@@ -15,10 +15,10 @@ from scenes.checks import BoolArray
 LEAST = 0.002  # share of a scan's pixels of a true thing that is asked for
 _SAME = 0.5  # intersection over union
 _PART = 0.25  # of the pixels of what is found, from which it holds another thing
-_EITHER = (
-    "picture mirror|ceiling lamp|radiator|tall radiator|wall shelf|basin|parapet|podium|stairs|rug"
-).replace("picture mirror", "picture|mirror")
-_HUNG = re.compile(rf"room \d+ ({_EITHER})( \d+)?(: .*)?$|.*: (pillow|row) \d+.*|.*(curtain|blind).*|.*sill$|post \d+ .*")
+_HUNG = re.compile(
+    r"room \d+ (picture|mirror|ceiling lamp|radiator|tall radiator|wall shelf|basin|parapet|podium|stairs|rug)"
+    r"( \d+)?(: .*)?$|.*: (pillow|row) \d+.*|.*(curtain|blind).*|.*sill$|post \d+ .*"
+)
 _BUILT = re.compile(r"room \d+ (casing|column) \d+: .*")
 _SIDE = re.compile(r"(box \d+|drum|table|cabinet|screen)( .*)?$")
 
@@ -43,6 +43,11 @@ class Separated:
     joined: int = 0
     cut: int = 0
     false: int = 0
+
+    @property
+    def n_right(self) -> int:
+        """How many of those that were found are right."""
+        return self.told - self.joined - self.cut - self.false
 
     def __add__(self, other: Separated) -> Separated:
         """Count both."""
