@@ -181,11 +181,10 @@ class Candidate:
 
     def leans_at(self, wall: Wall) -> bool:
         """Tell whether it comes up to a wall."""
-        away = wall.plane.distance(self.points)
         place = wall.places(self.points)
         beside = ((place > wall.low) & (place < wall.high)).all(axis=1)
-        most = limits.LEAN_M + limits.N_SIGMA * self.parts[0].sigma_m
-        return bool(beside.any() and np.quantile(away[beside], 0.02) < most)
+        near = wall.plane.distance(self.points[beside]) < limits.OFF_ROOM_M + limits.LEAN_M + self.slack_m
+        return bool(np.count_nonzero(near) >= limits.CUT_PIXELS)
 
     def surfaces(self, n_surfaces: int) -> IntArray:
         """Numbers, from 0, of the surfaces most of whose pixels are of it."""

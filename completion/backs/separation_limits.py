@@ -94,7 +94,7 @@ SIDE_PX = 6
 """Pixels beside an outline in which is looked what is there: pixels between that meet both are left out."""
 CUT_SHARE, CUT_PIXELS = 0.02, 4
 """Share of the outline of a thing, and pixels, from which it counts as cut by the border or an occluder."""
-LEAN_M = 0.03
-"""Metres from a wall within which a thing leans at it, beyond three standard deviations."""
+LEAN_M = 0.01
+"""Metres beyond what is of the wall itself, and beyond noise and sampling, up to which a thing leans at it."""
 BEHIND_M = 1.5
 """Metres behind a thing up to which a wall is part of what bounds it."""
