@@ -162,7 +162,7 @@ class Candidate:
             ends.append(outline.ends[border])
         level, end = np.concatenate(height), np.concatenate(ends)
         low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
-        band = max(limits.FOOT * float(high - low), self.slack_m)
+        band = max(limits.END * float(high - low), self.slack_m)
         is_out = np.isin(end, (BORDER, OCCLUDER, UNKNOWN))
         foot, top = level < low + band, level > high - band
         return OutOfSight(_most(is_out[foot]), _most(is_out[top]), _most(end[top] == BORDER))

@@ -26,6 +26,8 @@ DEEP, DEEPEST_M = 0.5, 0.3
 """Widths behind what was measured of a thing that it takes up, and metres at most: half of what is round."""
 TALLEST_M = 2.1
 """Metres above the floor up to which a thing may rise whose top is out of sight: higher ones may be walls."""
+END = 0.03
+"""Share of the height of a thing at its foot and top in which is looked whether it goes on."""
 HIDDEN = 0.3
 """Share of the ends of a thing at its foot or top that are out of sight, from which that is."""
 SHAFT_M = 1.2
