@@ -155,17 +155,19 @@ class Candidate:
 
     def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> OutOfSight:
         """Tell whether its ends go on out of sight."""
-        height, ends = list[FloatArray](), list[NDArray[np.uint8]]()
-        for seen, outline, pixels in zip(self.scans.observations, outlines, self.pixels, strict=True):
-            border = pixels[outline.ends[pixels] > 0]
-            height.append(seen.points_at(border) @ frame.up)
-            ends.append(outline.ends[border])
-        level, end = np.concatenate(height), np.concatenate(ends)
         low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
         band = max(limits.END * float(high - low), self.slack_m)
-        is_out = np.isin(end, (BORDER, OCCLUDER, UNKNOWN))
-        foot, top = level < low + band, level > high - band
-        return OutOfSight(_most(is_out[foot]), _most(is_out[top]), _most(end[top] == BORDER))
+        foot, top = list[NDArray[np.uint8]](), list[NDArray[np.uint8]]()
+        for seen, outline, pixels in zip(self.scans.observations, outlines, self.pixels, strict=True):
+            for ends, found, limit in ((outline.below, foot, low + band), (outline.above, top, high - band)):
+                at = pixels[ends[pixels] > 0]
+                level = seen.points_at(at) @ frame.up
+                found.append(ends[at[level < limit if found is foot else level > limit]])
+        foot_ends, top_ends = np.concatenate(foot), np.concatenate(top)
+        return OutOfSight(
+            *(_most(np.isin(ends, (BORDER, OCCLUDER, UNKNOWN))) for ends in (foot_ends, top_ends)),
+            past_border=_most(top_ends == BORDER),
+        )
 
     def reaches(self, frame: RoomFrame) -> bool:
         """Tell whether what was measured reaches a floor, or the surface on which it stands."""

@@ -14,6 +14,7 @@ from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled
 
 BORDER, OCCLUDER, FREE, UNKNOWN, ROOM = 2, 1, 3, 4, 5
+RANK = (0, 4, 5, 3, 2, 1)  # of the ends on the four sides of a pixel: the one with the highest is told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +27,8 @@ class Outline:
         Of each pixel on the outline of a thing, whether it is cut by the border (2) or by an occluder (1), or
         ends before something farther (3) or where nothing came back (4), or goes
         on into what is no thing (5); 0 of others.
+    above, below : (rows * columns,) uint8
+        The same of pixels on the outline, by what is next to them upwards and downwards only.
     occluded : (n + 1, n + 1) int64
         How many pixels of each thing, from 1, end behind which other; 0 for what is no thing.
     touching : (n + 1, n + 1) int64
@@ -33,21 +36,23 @@ class Outline:
     """
 
     ends: NDArray[np.uint8]
+    above: NDArray[np.uint8]
+    below: NDArray[np.uint8]
     occluded: IntArray
     touching: IntArray
 
     @classmethod
-    def of(cls, seen: Observation, label: NDArray[np.int32], n_things: int) -> Outline:
-        """Look at the outlines of things, by the number of each pixel's (rows, columns), from 1."""
+    def of(cls, seen: Observation, label: NDArray[np.int32], n_things: int, up: FloatArray) -> Outline:
+        """Look at the outlines of things, by the number of each pixel's (rows, columns), from 1; `up` (3,)."""
         ranges, angle = seen.scan.ranges, seen.scan.projection.pixel_angle
         slack = limits.STEEP * angle * np.where(seen.valid, ranges, 0.0)
         slack += limits.N_SIGMA * np.sqrt(2.0) * seen.noise.deviation(ranges.ravel()).reshape(ranges.shape)
         rows, columns = (np.flatnonzero(seen.valid.any(axis=axis)) for axis in (1, 0))
         bounds = np.array([rows.min(), rows.max(), columns.min(), columns.max()] if len(rows) else [0, 0, 0, 0])
-        ends = np.zeros(label.shape, dtype=np.uint8)
+        ends = np.zeros((3, *label.shape), dtype=np.uint8)
         occluded, touching = (np.zeros((n_things + 1, n_things + 1), np.int64) for _ in range(2))
-        _look(ranges, label, slack, bounds, limits.SIDE_PX, ends, occluded, touching)
-        return cls(ends.ravel(), occluded, touching)
+        _look(ranges, label, slack, bounds, limits.SIDE_PX, _way_up(seen, up), ends, occluded, touching)
+        return cls(*ends.reshape(3, -1), occluded, touching)
 
     def cut(self, pixels: IntArray) -> tuple[bool, bool]:
         """Tell whether a thing with flat pixels (n,) is cut by the border, and by an occluder."""
@@ -59,6 +64,14 @@ class Outline:
         )
 
 
+def _way_up(seen: Observation, up: FloatArray) -> int:
+    """Which of the four neighbours of pixels is above them, as `_look` counts: below, above, right, left."""
+    right, down, _ = up @ seen.scan.world_from_sensor.rotation
+    if seen.scan.projection.kind == "spherical" or abs(down) >= abs(right):
+        return 1 if down <= 0 or seen.scan.projection.kind == "spherical" else 0
+    return 2 if right > 0 else 3
+
+
 @compiled
 def _look(
     ranges: FloatArray,
@@ -66,6 +79,7 @@ def _look(
     slack: FloatArray,
     bounds: NDArray[np.int64],
     across: int,
+    above: int,
     ends: NDArray[np.uint8],
     occluded: NDArray[np.int64],
     touching: NDArray[np.int64],
@@ -80,31 +94,32 @@ def _look(
             for way in range(4):
                 step_row = 1 if way == 0 else (-1 if way == 1 else 0)
                 step_column = 1 if way == 2 else (-1 if way == 3 else 0)
-                found = False
+                here = 4
                 for step in range(1, across + 1):
                     r, c = row + step * step_row, column + step * step_column
                     if r < bounds[0] or r > bounds[1] or c < bounds[2] or c > bounds[3]:
-                        end, found = 2, True
+                        here = 2
                         break
                     if not np.isfinite(ranges[r, c]):
                         continue
-                    found = True
                     other = label[r, c]
-                    if other == own:
-                        break
                     most = max(slack[row, column], slack[r, c])
                     nearer = ranges[row, column] - ranges[r, c]
-                    if nearer > most:
+                    if other == own:
+                        here = 0
+                    elif nearer > most:
+                        here = 1
                         occluded[own, other] += 1
-                        if end != 2:
-                            end = 1
                     elif nearer > -most:
+                        here = 5 if other == 0 else 0
                         touching[own, other] += 1
-                        if end == 0 and other == 0:
-                            end = 5
-                    elif end == 0 or end == 5:
-                        end = 3
+                    else:
+                        here = 3
                     break
-                if not found and end == 0:
-                    end = 4
-            ends[row, column] = end
+                if way == above:
+                    ends[1, row, column] = here
+                if way == above ^ 1:
+                    ends[2, row, column] = here
+                if RANK[here] > RANK[end]:
+                    end = here
+            ends[0, row, column] = end

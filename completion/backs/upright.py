@@ -82,11 +82,11 @@ def walls_without_role(
     hidden: list[list[FloatArray]] = [[] for _ in asked]
     for seen, owners in zip(scans.observations, scans.owners, strict=True):
         label = number[owners]
-        outline = Outline.of(seen, label, len(asked))
-        border = np.flatnonzero(outline.ends)
+        outline = Outline.of(seen, label, len(asked), up)
+        border = np.flatnonzero(outline.above)
         which = label.ravel()[border]
         height = seen.points_at(border) @ up
-        out = outline.ends[border] == BORDER
+        out = outline.above[border] == BORDER
         for k in range(len(asked)):
             ends[k].append(height[which == k + 1])
             hidden[k].append(out[which == k + 1].astype(np.float64))
