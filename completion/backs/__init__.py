@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Back sides of things: symmetries, the surface that they imply, closed shapes, volume and depth."""
+"""Back sides: the things that stand in a room, and the closed shape of what scans show of them."""

@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: MIT
+"""Separation: the pixels of one scan that are of no room, in parts that stand on one support."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from completion.backs import separation_limits as limits
+from completion.backs.upright import is_front, walls_without_role
+from completion.evidence.evidence import Scans
+from completion.extension.patch import Patch, in_hull
+from completion.observe.observation import Observation
+from completion.room.planes import Beams
+from completion.room.roles import Room
+from completion.room.walls import Wall
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.inclination import LIMIT_DEG
+from scenes.surfaces.catalogue import Cylinder, Plane
+from texture.engine.compiled import compiled
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support:
+    """A level surface, no floor, on which things may stand; its outline in the plan."""
+
+    number: int  # of its surface, from 0
+    plane: Plane
+    sd_m: float  # standard deviation of its height
+    height_m: float  # of its middle along up
+    outline: shapely.Geometry  # hull of what was measured of it, coordinates along the plan's axes
+
+    def carries(self, foot: FloatArray, whole: FloatArray) -> bool:
+        """Tell whether what has a foot and a whole, places (n, 2) of the plan, stands on it by itself.
+
+        The foot lies on it. What goes along all of its side is a back or an arm of what it is of.
+        """
+        inside = shapely.contains_xy(self.outline.buffer(limits.GAP_M / 2), *foot.T)
+        if inside.mean() < limits.INSIDE:
+            return False
+        _, directions = np.linalg.eigh(np.cov(foot.T) if len(foot) > 1 else np.eye(2))
+        along = directions[:, 1]
+        own, side = np.ptp(whole @ along), np.ptp(shapely.get_coordinates(self.outline) @ along)
+        return bool(own < limits.ALONG * side)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Some pixels of one scan that are linked and stand on one support.
+
+    Attributes
+    ----------
+    scan : int
+        Number of the scan.
+    pixels : (n,) int64
+        Flat pixels, ascending.
+    support : int
+        Number of the surface, from 0, on which they stand; -1 for a floor or nothing known.
+    points : (m, 3) float
+        Some of its points, working frame.
+    spacing_m : float
+        Distance between neighbouring pixels at the median range, metres.
+    sigma_m : float
+        Median standard deviation of their ranges, metres.
+    """
+
+    scan: int
+    pixels: IntArray
+    support: int
+    points: FloatArray
+    spacing_m: float
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomFrame:
+    """The directions and surfaces by which things are told from the room, working frame."""
+
+    up: FloatArray  # (3,)
+    axes: FloatArray  # (2, 3) level directions
+    walls: tuple[Wall, ...]  # those that are no fronts
+    floors: tuple[Plane, ...]
+    ceilings: tuple[Plane, ...]
+    floor_numbers: frozenset[int]  # of the floors' surfaces, from 0
+    is_room: BoolArray  # (1 + surfaces,) which numbers of pixels' surfaces, from 1, are of the room
+    supports: tuple[Support, ...]  # the lowest first
+
+    @classmethod
+    def of(cls, patches: Sequence[Patch], room: Room, scans: Scans) -> RoomFrame:
+        """Look at completed surfaces for what is of the room, and for supports."""
+        up, observations, found = room.up, scans.observations, []
+        seed = np.eye(3)[int(np.argmin(np.abs(up)))]
+        first = np.cross(up, seed) / np.linalg.norm(np.cross(up, seed))
+        axes = np.stack([first, np.cross(up, first)])
+        beams = Beams.of(observations, limits.N_BEAMS)
+        number = {patch.limits.index: k for k, patch in enumerate(patches) if patch.limits.index >= 0}
+        walls = tuple(
+            wall
+            for wall in room.walls
+            if wall.number in number
+            and not is_front(
+                wall,
+                patches[number[wall.number]].source.points(observations, limits.N_FRONT_POINTS),
+                beams,
+                room.walls,
+            )
+        )
+        kept = {number[wall.number] for wall in walls}
+        floors, ceilings = list[tuple[int, Plane]](), list[tuple[int, Plane]]()
+        heights = [layout.floor_m for layout in room.layouts], [layout.ceiling_m for layout in room.layouts]
+        low, high = min(heights[0], default=-np.inf), max(heights[1], default=np.inf)
+        is_room = np.zeros(1 + len(patches), dtype=np.bool_)
+        is_room[np.array([*kept, *walls_without_role(patches, scans, up, low, high)], np.int64) + 1] = True
+        eye = max(float(seen.scan.origin @ up) for seen in observations)
+        for k, patch in enumerate(patches):
+            plane, role = patch.source.fit.surface, patch.limits.role
+            if isinstance(plane, Cylinder):
+                length = float(patch.limits.own_high[1] - patch.limits.own_low[1])
+                is_level = abs(float(plane.direction @ up)) < np.sin(np.radians(LIMIT_DEG))
+                is_room[k + 1] |= is_level and length > limits.PIPE_DIAMETERS * 2 * plane.radius
+            if not isinstance(plane, Plane):
+                continue
+            facing = float(plane.normal_direction @ up)
+            if role in ("floor", "ceiling"):
+                (floors if role == "floor" else ceilings).append((k, plane))
+                is_room[k + 1] = True
+            elif facing < -limits.FACING_DOWN:
+                level = patch.source.points(observations, limits.N_POINTS) @ up
+                is_room[k + 1] |= len(level) > 0 and np.quantile(level, limits.FOOT) > eye
+            elif patch.limits.is_level and facing > 0 and patch.observed_m2 >= limits.LEAST_SUPPORT_M2:
+                found.append((patch.observed_m2, k, plane))
+        found.sort(key=lambda one: (-one[0], one[1]))
+        if not floors and found and found[0][0] > limits.GROUND_M2:
+            floors.append(found.pop(0)[1:])
+            is_room[floors[0][0] + 1] = True
+        supports = []
+        for _, k, plane in found[: limits.N_SUPPORTS]:
+            points = patches[k].source.points(observations, limits.N_POINTS)
+            if len(points):
+                sd = float(patches[k].stated.standard_deviation(points.mean(axis=0)[None])[0])
+                height = float(points.mean(axis=0) @ up)
+                supports.append(Support(k, plane, sd, height, _outline(patches[k], axes)))
+        return cls(
+            up=up,
+            axes=axes,
+            walls=walls,
+            floors=tuple(plane for _, plane in floors),
+            floor_numbers=frozenset(k for k, _ in floors),
+            ceilings=tuple(plane for _, plane in ceilings),
+            is_room=is_room,
+            supports=tuple(sorted(supports, key=lambda one: one.height_m)),
+        )
+
+    def height(self, points: FloatArray) -> FloatArray:
+        """Height (n,) of points (n, 3) above the highest floor below them, metres; inf where none is known."""
+        if not self.floors:
+            return np.full(len(points), np.inf)
+        above = np.stack([plane.distance(points) for plane in self.floors])
+        nearest = np.where(above > -limits.GAP_M, above, np.inf).min(axis=0)
+        return np.where(np.isfinite(nearest), nearest, above.max(axis=0))
+
+    def is_outside(self, points: FloatArray, origin: FloatArray, slack: FloatArray) -> BoolArray:
+        """Tell which points (n, 3) are of floors, ceilings or walls to `slack` (n,), or behind them."""
+        outside = np.zeros(len(points), dtype=np.bool_)
+        for plane in self.floors:
+            outside |= np.abs(plane.distance(points)) < slack
+        if self.floors:
+            outside |= np.max([plane.distance(points) for plane in self.floors], axis=0) < 0
+        for plane in self.ceilings:
+            outside |= plane.distance(points) < slack
+        for wall in self.walls:
+            depth = wall.plane.distance(points)
+            before = float(wall.plane.distance(origin[None])[0])
+            if before <= 0:
+                continue
+            at = np.flatnonzero(depth < slack)
+            part = before / np.maximum(before - np.minimum(depth[at], 0.0), 1e-9)
+            place = wall.places(origin + part[:, None] * (points[at] - origin))
+            outside[at] |= ((place > wall.low) & (place < wall.high)).all(axis=1)
+        return outside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanView:
+    """One scan as the separation reads it: all (rows * columns,) or (rows * columns, 3)."""
+
+    number: int
+    seen: Observation
+    points: FloatArray  # working frame; NaN without return
+    owners: NDArray[np.int32]
+    sigma: FloatArray
+    free: BoolArray  # measured, and of no room
+
+    @classmethod
+    def of(cls, number: int, seen: Observation, owners: NDArray[np.int32], frame: RoomFrame) -> ScanView:
+        """Read a scan, and leave out what is of the room."""
+        points, own = seen.scan.points().reshape(-1, 3), owners.ravel()
+        sigma = seen.noise.deviation(seen.scan.ranges.ravel())
+        free = seen.valid.ravel() & ~frame.is_room[own]
+        at = np.flatnonzero(free)
+        slack = np.hypot(limits.OFF_ROOM_M, limits.N_SIGMA * sigma[at])
+        free[at] = ~frame.is_outside(points[at], seen.scan.origin, slack)
+        return cls(number, seen, points, own, sigma, free)
+
+    @property
+    def spacing(self) -> FloatArray:
+        """Distance (rows * columns,) of neighbouring pixels on what faces the scanner, metres."""
+        return np.asarray(self.seen.scan.ranges.ravel() * self.seen.scan.projection.pixel_angle)
+
+    def linked(self, kept: BoolArray) -> IntArray:
+        """Number the connected parts of kept pixels (rows * columns,), from 0; -1 elsewhere."""
+        rows, columns = self.seen.scan.shape
+        slack = limits.STEEP * np.where(kept, self.spacing, 0.0)
+        slack += limits.N_SIGMA * np.sqrt(2.0) * self.sigma
+        out = np.full(rows * columns, -1, dtype=np.int64)
+        _link(self.points, kept, self.owners, slack, rows, columns, _wraps(self.seen), limits.ACROSS_PX, out)
+        return out
+
+    def parts(self, frame: RoomFrame) -> Iterator[Part]:
+        """Yield its parts: what stands on each support, then the rest."""
+        standing = np.full(len(self.free), -1, dtype=np.int64)
+        for k, support in enumerate(frame.supports):
+            for pixels in self._on(support, frame):
+                standing[pixels] = k
+        for k in range(-1, len(frame.supports)):
+            part = self.linked(self.free & (standing == k))
+            number = -1 if k < 0 else frame.supports[k].number
+            yield from (self._part(pixels, number) for pixels in groups(part, limits.LEAST_PIXELS // 4))
+
+    def _on(self, support: Support, frame: RoomFrame) -> Iterator[IntArray]:
+        """Yield flat pixels of each group that stands on a support, and not beside it or under it."""
+        height = support.plane.distance(self.points)
+        slack = limits.N_SIGMA * np.hypot(self.sigma, support.sd_m) + limits.OFF_ROOM_M / 4
+        level = self.free & (np.abs(height) < slack)
+        at = np.flatnonzero(level)
+        level[at] = shapely.contains_xy(support.outline, *(self.points[at] @ frame.axes.T).T)
+        level |= self.owners == support.number + 1
+        rest = self.free & ~level
+        if not (rest & (height > 0)).any():
+            return
+        for pixels in groups(self.linked(rest), limits.LEAST_PIXELS // 4):
+            above = height[pixels]
+            bottom, top = np.quantile(above, (0.02, 0.98))
+            gap = limits.GAP_M + limits.STEEP * float(np.median(self.spacing[pixels])) / 2
+            if (above < -slack[pixels]).mean() > limits.BELOW or bottom > gap + np.median(slack[pixels]):
+                continue
+            foot = pixels[above < bottom + max(limits.FOOT * (top - bottom), gap)]
+            if support.carries(self.points[foot] @ frame.axes.T, self.points[pixels] @ frame.axes.T):
+                yield pixels
+
+    def _part(self, pixels: IntArray, support: int) -> Part:
+        """Some pixels as a part."""
+        points = self.points[pixels[:: max(1, len(pixels) // limits.N_POINTS)]]
+        spacing, sigma = (float(np.median(values[pixels])) for values in (self.spacing, self.sigma))
+        return Part(self.number, pixels, support, points, spacing, sigma)
+
+
+def _outline(patch: Patch, axes: FloatArray) -> shapely.Geometry:
+    """The plan of a level surface: its hull, or, where beams passed much of that, the hulls of its pieces."""
+    places = (patch.grid.centres() @ axes.T).reshape(*patch.grid.shape, 2)
+    hull = in_hull(patch.observed, np.ones(patch.grid.shape, dtype=np.bool_))
+    pieces = [patch.observed]
+    if patch.evidence.open[hull].mean() > limits.PASSED:
+        number, n = ndimage.label(patch.observed, structure=np.ones((3, 3)))
+        pieces = [number == k for k in range(1, n + 1)]
+    hulls = [shapely.MultiPoint(places[piece]).convex_hull for piece in pieces]
+    return shapely.union_all(hulls).buffer(float(patch.grid.cell.max()) / 2)
+
+
+def groups(part: IntArray, least: int) -> Iterator[IntArray]:
+    """Yield the places (n,) of each number from 0 of `part` (m,) that at least so many have, ascending."""
+    order = np.argsort(part, kind="stable")
+    order = order[np.searchsorted(part[order], 0) :]
+    for one in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        if len(one) >= max(least, 1):
+            yield one
+
+
+def _wraps(seen: Observation) -> bool:
+    """Whether the first column of a scan is next to its last."""
+    projection = seen.scan.projection
+    turn = seen.scan.shape[1] * projection.pixel_angle
+    return projection.kind == "spherical" and abs(turn - 2 * np.pi) < 2 * projection.pixel_angle
+
+
+@compiled
+def _root(parent: NDArray[np.int64], one: int) -> int:
+    while parent[one] != one:
+        parent[one] = parent[parent[one]]
+        one = parent[one]
+    return one
+
+
+@compiled
+def _link(
+    points: FloatArray,
+    kept: BoolArray,
+    owners: NDArray[np.int32],
+    slack: FloatArray,
+    rows: int,
+    columns: int,
+    wraps: bool,
+    across: int,
+    out: NDArray[np.int64],
+) -> None:
+    """Number connected parts of kept pixels in `out`; across few others if the distance allows it."""
+    parent = np.arange(rows * columns)
+    for pixel in range(rows * columns):
+        if not kept[pixel]:
+            continue
+        row, column = pixel // columns, pixel % columns
+        for way in range(2):
+            for step in range(1, across + 1):
+                other_row = row + step if way == 1 else row
+                other_column = column + step if way == 0 else column
+                if other_column >= columns and wraps:
+                    other_column -= columns
+                if other_row >= rows or other_column >= columns:
+                    break
+                other = other_row * columns + other_column
+                if not np.isfinite(points[other, 0]):
+                    continue
+                if kept[other]:
+                    square = 0.0
+                    for axis in range(3):
+                        square += (points[pixel, axis] - points[other, axis]) ** 2
+                    most = max(slack[pixel], slack[other])
+                    same = owners[pixel] > 0 and owners[pixel] == owners[other]
+                    if square <= most * most or same:
+                        one, two = _root(parent, pixel), _root(parent, other)
+                        parent[max(one, two)] = min(one, two)
+                break
+    n = 0
+    for pixel in range(rows * columns):
+        if kept[pixel]:
+            if parent[pixel] == pixel:
+                out[pixel] = n
+                n += 1
+            else:
+                out[pixel] = out[_root(parent, pixel)]
