@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from completion.backs.options import BackOptions
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.edits.edit import Anchor, Edit
 from completion.extension.extent import ExtensionRules
@@ -43,6 +44,8 @@ class CompletionOptions(UserOptions):
     flattening : FlatteningOptions, optional
         Removes ripple from measured planes in the meshes that are written and keeps their relief; no
         flattening when None. Inferred area and evidence never depend on it.
+    backs : BackOptions, optional
+        Closes the things that stand in the room behind what was seen of them; when None, they are left open.
     up : Up, optional
         Which way is up in the world of the poses (`Up.along`); when None, it is estimated (`find_up`).
     segmentation, evidence, texturing : options
@@ -61,6 +64,7 @@ class CompletionOptions(UserOptions):
     features: FeatureOptions | None = FITTED
     stated_relations: tuple[StatedRelation[Anchor], ...] = ()
     flattening: FlatteningOptions | None = None
+    backs: BackOptions | None = None
     up: Up | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.backs.closed_things import close_things
 from completion.boundary.boundary_pixels import BoundaryPixels, find_boundary_pixels
 from completion.boundary.continuation import Cue
 from completion.boundary.meshing import ChartMesh, mesh_cells
@@ -90,7 +91,17 @@ def complete(
         completed = continue_surfaces(surfaces, world_from_reference, options, steps)
         patches, observations = completed.patches, surfaces.observations
 
-        # 3. Texture: continue the colour of each surface over its inferred part.
+        # 3. Back sides, on request: separate what stands in the room, and close each thing by its symmetries.
+        things = (
+            close_things(
+                patches, completed.scans, completed.room, completed.up,
+                world_from_reference=world_from_reference, options=options.backs, steps=steps,
+            )
+            if options.backs is not None
+            else ()
+        )  # fmt: skip
+
+        # 4. Texture: continue the colour of each surface over its inferred part.
         texturing = choose_search(options.texturing, patches if options.texture else (), observations)
 
         def texture_surface(index: int) -> ChartTexture | None:
@@ -98,11 +109,11 @@ def complete(
 
         textures = steps.each("texture", texture_surface, range(len(patches))) if options.texture else []
 
-        # 4. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
+        # 5. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
         bundles = [steps.keep(bundle(seen)) for seen in observations]
         audits = steps.each("audit", lambda patch: _audit_patch(patch, completed.scans, bundles), patches)
 
-        # 5. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
+        # 6. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
         flat = options.flattening
         pairs = [] if flat is None else list(zip(observations, completed.scans.owners, strict=True))
         flattened = (
@@ -117,6 +128,8 @@ def complete(
         inferred=tuple(mesh for mesh, _ in audits),
         audit=_join_audits(audits, overlap_m2(patches, surfaces.tolerance.flatness_m)),
         flattened=tuple(flattened),
+        things=things,
+        backs=options.backs,
         world_from_reference=world_from_reference,
     )
 

@@ -22,6 +22,7 @@ from texture.engine.compiled import compiled
 
 MEASURED, SYMMETRY, TURN, SUPPORT, WALL, HULL, BOUND = range(7)
 """Why a face of a closed mesh is where it is; only 1 and 2 may count as inferred surface."""
+ORIGINS = ("measured", "symmetry", "turn", "support", "wall", "hull", "bound")
 _IDENTITY = np.eye(3, 4)
 
 

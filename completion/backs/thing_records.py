@@ -96,37 +96,28 @@ def surroundings(thing: Thing, patches: Sequence[Patch], room: Room, world_from_
     return Surroundings(thing.support_m, below, tuple(walls))
 
 
-def thing_records(
-    things: Sequence[Thing], patches: Sequence[Patch], room: Room, world_from_reference: Pose
-) -> list[dict[str, Any]]:
-    """Return what things.json holds of each thing; things, surfaces and scans are numbered from 1.
+def thing_record(thing: Thing, around: Surroundings) -> dict[str, Any]:
+    """Return what things.json holds of a thing as it was seen; things, surfaces, scans are numbered from 1.
 
     Lengths are in metres, world coordinates. `behind` is the nearest wall, null where there is none.
     """
-    records = []
-    for thing in things:
-        around = surroundings(thing, patches, room, world_from_reference)
-        records.append(
-            {
-                "thing": thing.index + 1,
-                "stands_on": _from_one(thing.stands_on),
-                "stands_on_thing": _from_one(thing.stands_on_thing),
-                "support_m": thing.support_m,
-                "behind": around.walls[0].surface + 1 if around.walls else None,
-                "leans_at": [number + 1 for number in thing.leans_at],
-                "touches": [other + 1 for other in thing.touches],
-                "occluded_by": [other + 1 for other in thing.occluded_by],
-                "hides": [other + 1 for other in thing.hides],
-                "cut": [
-                    {"scan": cut.scan + 1, "border": cut.border, "occluder": cut.occluder}
-                    for cut in thing.cuts
-                ],
-                "box": {name: getattr(thing.box, name).tolist() for name in ("axes", "low", "high")},
-                "surfaces": [number + 1 for number in thing.surfaces],
-                "measured_m2": thing.measured_m2,
-            }
-        )
-    return records
+    return {
+        "thing": thing.index + 1,
+        "stands_on": _from_one(thing.stands_on),
+        "stands_on_thing": _from_one(thing.stands_on_thing),
+        "support_m": thing.support_m,
+        "behind": around.walls[0].surface + 1 if around.walls else None,
+        "leans_at": [number + 1 for number in thing.leans_at],
+        "touches": [other + 1 for other in thing.touches],
+        "occluded_by": [other + 1 for other in thing.occluded_by],
+        "hides": [other + 1 for other in thing.hides],
+        "cut": [
+            {"scan": cut.scan + 1, "border": cut.border, "occluder": cut.occluder} for cut in thing.cuts
+        ],
+        "box": {name: getattr(thing.box, name).tolist() for name in ("axes", "low", "high")},
+        "surfaces": [number + 1 for number in thing.surfaces],
+        "measured_m2": thing.measured_m2,
+    }
 
 
 def _from_one(number: int | None) -> int | None:

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.backs.closed_things import ClosedThing
+from completion.backs.options import BackOptions
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
@@ -202,6 +204,8 @@ class CompletedModel:
     inferred: tuple[ChartMesh, ...]
     audit: AuditResult
     flattened: tuple[FlatScan, ...]
+    things: tuple[ClosedThing, ...]
+    backs: BackOptions | None
     world_from_reference: Pose
 
     @cached_property

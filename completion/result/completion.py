@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.backs.closed_things import things_record
+from completion.backs.closing import ORIGINS
 from completion.export.building.bodies import ScanBeams
 from completion.export.building.model import building_model
 from completion.export.building.parts import BuildingParts, building_parts
@@ -32,7 +34,7 @@ from scenes.io.formats.format import Units
 from scenes.io.meshes.glb_writer import glb_of
 from scenes.io.meshes.obj import write_obj
 from scenes.io.meshes.ply import PlyMesh
-from scenes.io.meshes.ply_writer import write_meshes_ply
+from scenes.io.meshes.ply_writer import write_mesh_ply, write_meshes_ply
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json, write_text
 
 
@@ -83,6 +85,10 @@ class Completion(CompletedModel):
         How much of it stands where a beam went through.
     flattened : tuple of FlatScan
         How measured planes are flattened in the meshes that are written, by scan; empty where not asked for.
+    things : tuple of ClosedThing
+        What stands in the room, with the sides that nobody saw; empty where not asked for.
+    backs : BackOptions or None
+        How they were closed; None where not asked for.
     world_from_reference : Pose
         From the working frame to the world.
     """
@@ -208,8 +214,24 @@ def write_model(
             write_meshes_ply(stage.path(name), world_meshes(completion, parts), legend)
         write_panels_ply(stage.path("model.ply"), completion, legend)
         write_text(stage.path("decisions.csv"), decisions.to_csv())
+        _write_things(completion, stage)
         write_json(stage.path("completion.json"), record)
         stage.commit()
+
+
+def _write_things(completion: Completion, stage: Stage) -> None:
+    """Write things.json and the closed shapes, where things were asked for."""
+    if completion.backs is None:
+        return
+    write_json(stage.path("things.json"), things_record(completion.things, completion.up, completion.backs))
+    legend = [f"origin {number} {name}" for number, name in enumerate(ORIGINS)]
+    for one in completion.things:
+        if one.back is not None:
+            shape, inferred = one.back.shape, one.is_inferred.astype(np.uint8)
+            write_mesh_ply(
+                stage.path(f"things/{one.thing.index + 1:02d}.ply"), one.world_vertices(), shape.faces,
+                comments=legend, face_properties={"origin": shape.origin, "inferred": inferred},
+            )  # fmt: skip
 
 
 def world_meshes(completion: CompletedModel, parts: Iterable[LabelledPoints]) -> Iterator[PlyMesh]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from completion.backs.options import BackOptions
 from completion.edits.file import read_edits
 from completion.export.decisions import DecisionSheet
 from completion.features.engine.options import FITTED, FeatureOptions
@@ -56,6 +57,7 @@ def completion_options(asked: CompleteOptions) -> CompletionOptions:
         stated_relations=tuple(entry for file in asked.stated for entry in read_scan_relations(file)),
         features=features,
         flattening=FlatteningOptions() if asked.flatten else None,
+        backs=BackOptions(least=asked.least) if asked.backs else None,
         up=Up.along(asked.up),
     )
 
@@ -181,8 +183,18 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "edits": len(completion.edits),
         **_relations_of(completion),
         **({"flattening": whole_flattening(completion.flattened)} if completion.flattened else {}),
+        **_things_of(completion),
         **_poses_of(completion),
     }
+
+
+def _things_of(completion: Completion) -> dict[str, Any]:
+    """Return how many things there are, and how much of their back sides is inferred; nothing unasked."""
+    if completion.backs is None:
+        return {}
+    closed = [one for one in completion.things if one.back is not None]
+    inferred_m2 = sum(one.inferred_m2 for one in closed)
+    return {"things": len(completion.things), "closed": len(closed), "backs_m2": inferred_m2}
 
 
 def _relations_of(completion: Completion) -> dict[str, Any]:
@@ -219,6 +231,7 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
     lines += [
         *_lines_of_relations(completion),
         *_lines_of_flattening(completion),
+        *_lines_of_things(completion),
         *_lines_of_poses(completion),
     ]
     if verification is not None:
@@ -254,6 +267,20 @@ def _lines_of_flattening(completion: Completion) -> list[str]:
         f"{1000 * record['ripple_after_m']:.2f} mm rms, "
         f"{count(record['relief_areas'], 'area')} of relief kept; "
         f"{record['turned_over']} triangles turned over, {record['crossing_anew']} cross others anew"
+    ]
+
+
+def _lines_of_things(completion: Completion) -> list[str]:
+    """How many things stand there, and how much of their back sides is inferred."""
+    if completion.backs is None:
+        return []
+    told = _things_of(completion)
+    if not completion.up.is_decided:
+        return ["things    none: up is undecided, so that nothing stands on anything; say it by --up"]
+    sure = sum(bool(one.back and one.back.sure) for one in completion.things)
+    return [
+        f"things    {told['things']}, {told['closed']} closed, {sure} by a symmetry: "
+        f"{square_metres(told['backs_m2'])} m2 of back sides inferred (things.json)"
     ]
 
 

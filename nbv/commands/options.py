@@ -538,6 +538,14 @@ class CompleteOptions(UserOptions):
         "auto", metavar="auto|off|FILE",
     )  # fmt: skip
     flatten: bool = option("--flatten", "Remove the ripple of measured planes, but keep their relief.", False)
+    backs: bool = option(
+        "--backs", "Separate the things in the room, and close each behind what was seen by its symmetries.",
+        False,
+    )  # fmt: skip
+    least: float = option(
+        "--least", "Probability from which a symmetry counts as inferred surface, for --backs.", 0.8,
+        metavar="P", limits=NumberRange(least=0.5, most=1.0),
+    )  # fmt: skip
     search: Literal["exact", "budget"] | None = option(
         "--texture", "Texture search: exact, or quicker within a budget.", None, shown="by the hidden area"
     )

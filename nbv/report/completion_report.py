@@ -45,6 +45,7 @@ from nbv.report.figures.picture import (
     range_colours,
     segment_pixels,
 )
+from nbv.report.things_report import things_sections
 from nbv.report.viewer.scan_views import completion_view
 from nbv.run.wording import count, square_metres
 from scenes.checks import FloatArray
@@ -189,6 +190,7 @@ def completion_page(
             *decision_sections(completion.decisions() if decisions is None else decisions),
             PageSection("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             PageSection("Surfaces", surface_blocks(completion)),
+            *things_sections(completion),
             *feature_sections(completion),
             *flattening_sections(completion),
             *relation_sections(completion),

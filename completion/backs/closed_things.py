@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: MIT
+"""Closed things: what stands in a room, each with the sides that nobody saw, in world coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from completion.backs.closing import SYMMETRY, TURN
+from completion.backs.limits import ASSERTED_CELL
+from completion.backs.options import BackOptions
+from completion.backs.pipeline import Back, find_back
+from completion.backs.symmetry import Symmetry
+from completion.backs.thing import Thing
+from completion.backs.thing_records import Surroundings, surroundings, thing_record
+from completion.backs.things import find_things
+from completion.backs.views import Setting, ThingView
+from completion.evidence.evidence import Scans
+from completion.extension.patch import Patch
+from completion.observe.observation import Observation
+from completion.room.roles import Room
+from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.inclination import Up
+from scenes.mesh.labelled_mesh import triangle_areas
+from scenes.pose import Pose
+from scenes.run.steps import Steps
+
+_NO_SUPPORT = "what it stands on was not seen"
+_MOST_TOLD = 8  # hypotheses of a thing in things.json
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClosedThing:
+    """A thing with its closed shape.
+
+    Attributes
+    ----------
+    thing : Thing
+        What was seen of it.
+    around : Surroundings
+        What bounds it.
+    back : Back or None
+        Its symmetries and closed shape, in coordinates whose z is up; None where there is none.
+    why_open : str
+        Why there is none; "" where there is.
+    world_from_upright : Pose
+        From those coordinates to the world.
+    """
+
+    thing: Thing
+    around: Surroundings
+    back: Back | None
+    why_open: str
+    world_from_upright: Pose
+
+    @property
+    def is_inferred(self) -> BoolArray:
+        """Tell which faces (m,) of the closed shape are inferred surface: a sure symmetry implies them."""
+        if self.back is None:
+            return np.zeros(0, np.bool_)
+        shape, asserted = self.back.shape, self.back.asserted.points
+        found: BoolArray = np.isin(shape.origin, (SYMMETRY, TURN))
+        if not len(asserted):
+            return np.zeros_like(found)
+        centres = shape.vertices[shape.faces[found]].mean(axis=1)
+        far, _ = KDTree(asserted).query(centres)
+        found[found] = far <= 2 * ASSERTED_CELL * self.back.size_m
+        return found
+
+    @property
+    def inferred_m2(self) -> float:
+        """Area of inferred surface, square metres."""
+        if self.back is None:
+            return 0.0
+        shape = self.back.shape
+        return float(triangle_areas(shape.vertices[shape.faces])[self.is_inferred].sum())
+
+    def back_points(self) -> FloatArray:
+        """Vertices (n, 3) of the closed shape, z up, metres."""
+        return np.zeros((0, 3)) if self.back is None else self.back.shape.vertices
+
+    def world_vertices(self) -> FloatArray:
+        """Vertices (n, 3) of the closed shape, world coordinates, metres."""
+        return self.world_from_upright.apply(self.back_points())
+
+
+def close_things(
+    patches: Sequence[Patch],
+    scans: Scans,
+    room: Room,
+    up: Up,
+    *,
+    world_from_reference: Pose,
+    options: BackOptions,
+    steps: Steps,
+) -> tuple[ClosedThing, ...]:
+    """Find what stands in a room, and infer the sides of each thing that no scan shows.
+
+    Parameters
+    ----------
+    patches, scans, room, up, world_from_reference
+        As of `find_things`.
+    options : BackOptions
+        From which probability surface is inferred.
+    steps : Steps
+        Where to run.
+    """
+    things = steps.one("things", lambda: find_things(patches, scans, room, up, world_from_reference))
+    upright = up.drawing_from_world
+    seen = scans.observations
+
+    def close_thing(thing: Thing) -> ClosedThing:
+        around = surroundings(thing, patches, room, world_from_reference)
+        back, why = None, _NO_SUPPORT
+        if around.support_m is not None:
+            try:
+                views, sigma_m = _views_of(thing, seen, upright @ world_from_reference)
+                walls = [[*upright.rotate(wall.normal[None])[0], wall.offset_m] for wall in around.walls]
+                setting = Setting(around.support_m, sigma_m, np.array(walls).reshape(-1, 4))
+                back, why = find_back(views, setting, options, seed=thing.index), ""
+            except InputError as error:  # too small or too large
+                why = str(error)
+        return ClosedThing(thing, around, back, why, upright.inverse())
+
+    return tuple(steps.each("backs", close_thing, things))
+
+
+def _views_of(
+    thing: Thing, seen: Sequence[Observation], upright_from_reference: Pose
+) -> tuple[list[ThingView], float]:
+    """The scans that show a thing, z up, and the standard deviation of their ranges on it, metres."""
+    views, sigmas = [], [0.0]
+    for scan, (one, pixels) in enumerate(zip(seen, thing.pixels, strict=True)):
+        if len(pixels):
+            views.append(
+                ThingView(one.scan.transform(upright_from_reference), thing.mask(scan, one.scan.shape))
+            )
+            sigmas.append(float(np.hypot(np.median(one.sigma_at(pixels)), one.pose_error_m)))
+    return views, max(sigmas)
+
+
+def things_record(things: Sequence[ClosedThing], up: Up, options: BackOptions) -> dict[str, Any]:
+    """Return what things.json holds; things, surfaces and scans are numbered from 1, lengths in metres.
+
+    Directions and places are world coordinates.
+    """
+    return {"least": options.least, **up.to_json(), "things": [_record(one) for one in things]}
+
+
+def _record(one: ClosedThing) -> dict[str, Any]:
+    """What things.json holds of one thing."""
+    record = thing_record(one.thing, one.around)
+    back = one.back
+    if back is None:
+        return {**record, "closed": None, "why_open": one.why_open}
+    sure = {id(symmetry) for symmetry in back.sure}
+    told = back.hypotheses[:_MOST_TOLD]
+    return {
+        **record,
+        "closed": f"things/{one.thing.index + 1:02d}.ply",
+        "why_open": None,
+        "hypotheses": [_hypothesis(symmetry, one.world_from_upright) for symmetry in told],
+        "sure": [number for number, symmetry in enumerate(told) if id(symmetry) in sure],
+        "inferred_m2": one.inferred_m2,
+        "depth_m": {"least": back.depth.least, "most": back.depth.most, "why": back.depth.why},
+        "volume_m3": {
+            "closed": back.volume.closed,
+            "least": back.volume.least,
+            "most": back.volume.most,
+            "share": back.volume.share,
+            "certain_most": back.volume.certain_most,
+        },
+    }
+
+
+def _hypothesis(symmetry: Symmetry, world: Pose) -> dict[str, Any]:
+    """One symmetry, world coordinates."""
+    e = symmetry.evidence
+    told: dict[str, Any] = {"kind": symmetry.kind, "probability": symmetry.probability}
+    if symmetry.kind == "mirror":
+        normal = world.rotate(symmetry.normal[None])[0]
+        told |= {"normal": normal.tolist(), "offset_m": symmetry.offset_m}
+    else:
+        told |= {"axis_at": world.apply(symmetry.axis[None])[0].tolist(), "n_fold": symmetry.n_fold or None}
+    names = {"matched": "matched", "contradicted": "contradicted", "hidden": "hidden", "limb": "limb"}
+    return {**told, **{name: e[key] for name, key in names.items() if key in e}}

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: MIT
+"""Things in the report of a completion: cards from the side that nobody saw, and a table of their sizes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from completion.backs.closed_things import ClosedThing
+from completion.backs.closing import MEASURED as SEEN_FACE
+from completion.result.completion import Completion
+from nbv.report.blocks.page import Cell, Gallery, Legend, PageSection, Table, Text
+from nbv.report.figures.drawing import MeshDrawing, mark_hatched, paint_states
+from nbv.report.figures.picture import INFERRED, MEASURED, Camera, Picture, aim, picture_of
+from nbv.run.wording import count, square_metres
+from scenes.checks import FloatArray, IntArray
+from scenes.mesh.labelled_mesh import LabelledMesh
+
+_MOST_CARDS = 9
+_MOST_ROWS = 60
+_SHAPE = (300, 400)  # rows and columns of a card's picture
+_RAISED_DEG = 25.0  # how far the eye stands above the thing
+_MARGIN = 1.15
+_MEASURED, _INFERRED, _UNKNOWN = range(3)
+_KINDS = {"mirror": "mirror", "axis": "axis", "turn": "turns"}
+
+
+def things_sections(completion: Completion) -> tuple[PageSection, ...]:
+    """Return a section on the things of a room; none where nobody asked, or none was found."""
+    things = completion.things
+    if not things:
+        return ()
+    closed = [one for one in things if one.back is not None]
+    inferred = sum(one.inferred_m2 for one in things)
+    sure = sum(bool(one.back and one.back.sure) for one in things)
+    why = Counter(one.why_open for one in things if one.back is None)
+    left = "".join(f" {n} left open: {text}." for text, n in sorted(why.items()))
+    text = Text(
+        f"{count(len(things), 'thing stands', 'things stand')} in the scans; {len(closed)} were closed, "
+        f"{sure} by a symmetry that is sure enough to infer {square_metres(inferred)} m\u00b2 of their back "
+        f"sides.{left}"
+    )
+    note = Text(
+        "Each picture is from the side that no scan saw. Grey green was measured, blue is implied by a symmetry, "
+        "hatched faces only close the shape: they are unknown. Volume is what a thing takes up, with an 80 % "
+        "interval; depth lies between what was measured and the wall, or the end of the shadow.",
+        is_note=True,
+    )
+    cards = tuple(thing_picture(completion, one) for one in closed[:_MOST_CARDS])
+    more = len(closed) - _MOST_CARDS
+    rest = (Text(f"{count(more, 'other is', 'others are')} in things/.", is_note=True),) if more > 0 else ()
+    gallery = (Legend(), Gallery(cards, 3)) if cards else ()
+    return (PageSection("Things and their back sides", (text, *gallery, *rest, _table(things), note)),)
+
+
+def _table(things: Sequence[ClosedThing]) -> Table:
+    """A row for each thing."""
+    columns = (
+        "Thing", "#width, m", "#depth, m", "#height, m", "Why that depth", "#volume, m\u00b3", "#80 % from, to",
+        "Symmetry", "#inferred, m\u00b2",
+    )  # fmt: skip
+    return Table(columns, tuple(_row(one) for one in things[:_MOST_ROWS]))
+
+
+def _row(one: ClosedThing) -> tuple[Cell, ...]:
+    size, name = one.thing.box.size, Cell(str(one.thing.index + 1))
+    height = Cell(f"{size[2]:.2f}")
+    back = one.back
+    if back is None:
+        seen = (Cell(f"{max(size[:2]):.2f}"), Cell(""), height)
+        return (name, *seen, Cell(one.why_open), *(Cell(""),) * 4)
+    depth, volume = back.depth, back.volume
+    width = np.ptp(one.back_points() @ np.array([-depth.way[1], depth.way[0], 0.0]))
+    most = "?" if depth.most is None else f"{depth.most:.2f}"
+    best = back.hypotheses[0] if back.hypotheses else None
+    symmetry = "none" if best is None else f"{_KINDS[best.kind]}, {100 * best.probability:.0f} %"
+    return (
+        name,
+        Cell(f"{width:.2f}"),
+        Cell(f"{depth.least:.2f} to {most}"),
+        height,
+        Cell(depth.why),
+        Cell(f"{volume.closed:.2g}"),
+        Cell(f"{volume.least:.2g}, {volume.most:.2g}"),
+        Cell(symmetry, state="inferred" if back.sure else ""),
+        Cell(square_metres(one.inferred_m2), state="inferred" if one.inferred_m2 else ""),
+    )
+
+
+def face_states(one: ClosedThing) -> IntArray:
+    """Return 0 of measured, 1 of inferred, 2 of unknown faces (m,) of a closed shape."""
+    if one.back is None:
+        return np.zeros(0, np.int64)
+    origin = one.back.shape.origin
+    return np.where(origin == SEEN_FACE, _MEASURED, np.where(one.is_inferred, _INFERRED, _UNKNOWN))
+
+
+def thing_picture(completion: Completion, one: ClosedThing, n_threads: int | None = None) -> Picture:
+    """Return the picture of a closed thing from the side that the scans did not see."""
+    assert one.back is not None
+    shape = one.back.shape
+    drawing = MeshDrawing(LabelledMesh(shape.vertices, shape.faces), n_threads=n_threads)
+    layer = drawing.look(_behind(completion, one), _SHAPE)
+    state = np.where(layer.hit, face_states(one)[np.maximum(layer.face, 0)], -1)
+    shade = drawing.shade(layer)
+    image = paint_states(state, shade, {_MEASURED: MEASURED, _INFERRED: INFERRED, _UNKNOWN: (0.86, 0.86, 0.86)})
+    image = mark_hatched(image, state == _UNKNOWN)
+    sure = one.back.sure
+    how = " and ".join(f"{_KINDS[s.kind]}, {100 * s.probability:.0f} %" for s in sure) or "no symmetry is sure"
+    return picture_of(image, f"Thing {one.thing.index + 1}", how)
+
+
+def _behind(completion: Completion, one: ClosedThing) -> Camera:
+    """A camera on the far side of a thing, raised, that holds all of it; z up."""
+    assert one.back is not None
+    vertices: FloatArray = one.back.shape.vertices
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    shown = [scan for scan, pixels in enumerate(one.thing.pixels) if len(pixels)]
+    eyes = np.array([completion.drawn_scans[scan].origin for scan in shown])
+    away = np.array([*(middle - eyes.mean(axis=0))[:2], 0.0])
+    away /= max(float(np.linalg.norm(away)), 1e-9)
+    raised = np.radians(_RAISED_DEG)
+    out = np.cos(raised) * away + np.array([0.0, 0.0, np.sin(raised)])
+    radius = float(np.linalg.norm(vertices - middle, axis=1).max())
+    slope = _MARGIN * radius / (8 * radius) * np.array([_SHAPE[1] / _SHAPE[0], 1.0])
+    return aim(middle + 8 * radius * out, middle, np.array([0.0, 0.0, 1.0]), slope, mirrored=False)
