@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+from .backs.options import BackOptions as BackOptions
 from .boundary.continuation import Cue as Cue
 from .edits.edit import Anchor as Anchor
 from .edits.edit import Edit as Edit

@@ -23,6 +23,7 @@ _MOST_ROWS = 60
 _SHAPE = (300, 400)  # rows and columns of a card's picture
 _RAISED_DEG = 25.0  # how far the eye stands above the thing
 _MARGIN = 1.15
+_PALE = (0.86, 0.86, 0.86)
 _MEASURED, _INFERRED, _UNKNOWN = range(3)
 _KINDS = {"mirror": "mirror", "axis": "axis", "turn": "turns"}
 
@@ -43,8 +44,8 @@ def things_sections(completion: Completion) -> tuple[PageSection, ...]:
         f"sides.{left}"
     )
     note = Text(
-        "Each picture is from the side that no scan saw. Grey green was measured, blue is implied by a symmetry, "
-        "hatched faces only close the shape: they are unknown. Volume is what a thing takes up, with an 80 % "
+        "Each picture is from the side that no scan saw. Grey green was measured, blue is implied by a "
+        "symmetry, hatched faces only close the shape: they are unknown. Volume is what a thing takes up, with an 80 % "
         "interval; depth lies between what was measured and the wall, or the end of the shadow.",
         is_note=True,
     )
@@ -58,8 +59,8 @@ def things_sections(completion: Completion) -> tuple[PageSection, ...]:
 def _table(things: Sequence[ClosedThing]) -> Table:
     """A row for each thing."""
     columns = (
-        "Thing", "#width, m", "#depth, m", "#height, m", "Why that depth", "#volume, m\u00b3", "#80 % from, to",
-        "Symmetry", "#inferred, m\u00b2",
+        "Thing", "#width, m", "#depth, m", "#height, m", "Why that depth", "#volume, m\u00b3",
+        "#80 % from, to", "Symmetry", "#inferred, m\u00b2",
     )  # fmt: skip
     return Table(columns, tuple(_row(one) for one in things[:_MOST_ROWS]))
 
@@ -105,11 +106,10 @@ def thing_picture(completion: Completion, one: ClosedThing, n_threads: int | Non
     layer = drawing.look(_behind(completion, one), _SHAPE)
     state = np.where(layer.hit, face_states(one)[np.maximum(layer.face, 0)], -1)
     shade = drawing.shade(layer)
-    image = paint_states(state, shade, {_MEASURED: MEASURED, _INFERRED: INFERRED, _UNKNOWN: (0.86, 0.86, 0.86)})
+    image = paint_states(state, shade, {_MEASURED: MEASURED, _INFERRED: INFERRED, _UNKNOWN: _PALE})
     image = mark_hatched(image, state == _UNKNOWN)
-    sure = one.back.sure
-    how = " and ".join(f"{_KINDS[s.kind]}, {100 * s.probability:.0f} %" for s in sure) or "no symmetry is sure"
-    return picture_of(image, f"Thing {one.thing.index + 1}", how)
+    sure = [f"{_KINDS[s.kind]}, {100 * s.probability:.0f} %" for s in one.back.sure]
+    return picture_of(image, f"Thing {one.thing.index + 1}", " and ".join(sure) or "no symmetry is sure")
 
 
 def _behind(completion: Completion, one: ClosedThing) -> Camera:

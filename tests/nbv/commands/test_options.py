@@ -38,7 +38,7 @@ DOCUMENTED = {
     "units=m design-units up",
     "study": "part scheduler",
     "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
-    "keep-poses register resolution origin edits relations=auto features=auto flatten texture "
+    "keep-poses register resolution origin edits relations=auto features=auto flatten backs least=0.8 texture "
     "no-texture export export-units=m tolerance=0.01 observed=auto scheduler intrinsics depth-scale poses "
     "trajectory units=m up=auto",
     "texture": "mask grow window order=paper surface",

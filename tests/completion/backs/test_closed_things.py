@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""Things of a room closed by `complete`: what is inferred, what is written, what is told."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from completion import BackOptions, CompletionOptions, complete
+from nbv.report.things_report import face_states, things_sections
+from nbv.scanning.effects import Effects
+from nbv.scanning.noise_models import ConstantNoise
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
+from scenes.io.meshes.ply import read_mesh_ply
+from scenes.pose import Pose
+from scenes.world.builtin import Finish, SceneBuilder
+
+GREY = Finish((0.5, 0.5, 0.5))
+OPTIONS = CompletionOptions(texture=False, backs=BackOptions())
+LOW, HIGH = np.array([1.7, 2.2, 0.0]), np.array([2.3, 2.6, 0.5])
+
+
+@pytest.fixture(scope="module")
+def room():
+    """A room with a box and a drum, seen by one camera; its completion."""
+    build = SceneBuilder("room", "room")
+    build.add_box("shell", (0, 0, 0), (4, 4, 2.5), GREY, inward=True)
+    build.add_box("box", LOW, HIGH, GREY, yaw=0.5)
+    build.add_cylinder("drum", (3.0, 2.4, 0.0), (0.0, 0.0, 0.6), 0.2, GREY)
+    camera = PinholeSensor(fov_deg=65, width=240, height=180)
+    noisy = Effects(noise=ConstantNoise(constant_m=0.001))
+    pose = Pose.looking_at((2.0, 0.4, 1.5), (2.2, 2.6, 0.4))
+    scan = scan_scene(build.finish(), pose, camera, effects=noisy, rng=0)
+    return scan, complete(scan, OPTIONS, rng=0)
+
+
+def test_both_things_stand_on_the_floor_and_are_closed(room):
+    _, found = room
+    assert len(found.things) == 2
+    for one in found.things:
+        assert one.why_open == ""
+        assert one.thing.support_m == pytest.approx(0.0, abs=0.005)
+        shape = one.back.shape
+        assert trimesh.Trimesh(one.world_vertices(), shape.faces).is_watertight
+
+
+def test_the_drum_is_full_and_its_far_side_is_inferred(room):
+    _, found = room
+    drum = min(found.things, key=lambda one: abs(one.thing.box.low @ one.thing.box.axes - [3, 2.4, 0]).sum())
+    assert [symmetry.kind for symmetry in drum.back.sure] == ["axis"]
+    assert drum.world_from_upright.apply(drum.back.sure[0].axis[None])[0, :2] == pytest.approx(
+        [3.0, 2.4], abs=0.01
+    )
+    assert drum.back.volume.closed == pytest.approx(np.pi * 0.2**2 * 0.6, rel=0.1)
+    inferred = drum.is_inferred
+    assert inferred.any()
+    centres = drum.world_vertices()[drum.back.shape.faces[inferred]].mean(axis=1)
+    radius = np.linalg.norm(centres[:, :2] - [3.0, 2.4], axis=1)
+    on_side, on_top = np.abs(radius - 0.2) < 0.02, np.abs(centres[:, 2] - 0.6) < 0.02
+    assert (on_side | on_top).mean() > 0.95
+    assert 0.2 < drum.inferred_m2 < 0.6  # half of the side is .38 m2
+
+
+def test_what_closes_only_is_unknown(room):
+    _, found = room
+    for one in found.things:
+        origin, state = one.back.shape.origin, face_states(one)
+        assert (state[origin >= 3] == 2).all()
+        assert (state[origin == 0] == 0).all()
+
+
+def test_files_hold_things_and_their_faces(room, tmp_path):
+    _, found = room
+    found.save(tmp_path)
+    record = json.loads((tmp_path / "things.json").read_text())
+    assert record["least"] == 0.8
+    assert [entry["thing"] for entry in record["things"]] == [1, 2]
+    for entry, one in zip(record["things"], found.things, strict=True):
+        mesh = read_mesh_ply(tmp_path / entry["closed"])
+        assert len(mesh.faces) == len(one.back.shape.faces)
+        assert (mesh.face_properties["origin"] == one.back.shape.origin).all()
+        assert mesh.face_properties["inferred"].sum() == one.is_inferred.sum()
+        assert entry["volume_m3"]["least"] <= entry["volume_m3"]["closed"] * 2
+        low, most = entry["depth_m"]["least"], entry["depth_m"]["most"]
+        assert most is None or 0 < low <= most
+    (section,) = things_sections(found)
+    assert "2 things stand" in section.blocks[0].text
+
+
+def test_nobody_asked_nothing_is_written(room, tmp_path):
+    scan, _ = room
+    plain = complete(scan, CompletionOptions(texture=False), rng=0)
+    plain.save(tmp_path)
+    assert plain.things == ()
+    assert not (tmp_path / "things.json").exists()
+    assert things_sections(plain) == ()
+
+
+def test_the_same_on_any_number_of_threads(room):
+    scan, found = room
+    again = complete(scan, OPTIONS, rng=0, n_threads=2)
+    for one, other in zip(found.things, again.things, strict=True):
+        assert (one.world_vertices() == other.world_vertices()).all()
+        assert (one.back.shape.origin == other.back.shape.origin).all()
