@@ -22,7 +22,9 @@ from scenes.scan.range_image import RangeImage
 _PLAIN = CompletionOptions(texture=False)
 
 
-def _separated(scans: tuple[RangeImage, ...], names: tuple[str, ...], room: int | None) -> tuple[Separated, float]:
+def _separated(
+    scans: tuple[RangeImage, ...], names: tuple[str, ...], room: int | None
+) -> tuple[Separated, float]:
     """Judge the things of some scans in each of them; with the seconds of processor time."""
     completion = complete(scans, _PLAIN, rng=0)
     done = completion.completed

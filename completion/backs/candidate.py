@@ -25,7 +25,7 @@ from scenes.pose import Pose
 
 
 class OutOfSight(NamedTuple):
-    """Whether the foot and the top of something go on out of sight, and the top past the border of an image."""
+    """Whether the foot and the top of something go on out of sight, and the top past the border."""
 
     foot: bool
     top: bool
@@ -67,7 +67,9 @@ class Candidate:
 
     def is_resolved(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
         """Tell whether it has pixels enough, rises above what is flat, and is not a mere glimpse."""
-        share = [len(pixels) / outline.ends.size for pixels, outline in zip(self.pixels, outlines, strict=True)]
+        share = [
+            len(pixels) / outline.ends.size for pixels, outline in zip(self.pixels, outlines, strict=True)
+        ]
         if max(share) < limits.LEAST_SHARE or self.n_pixels < limits.LEAST_PIXELS:
             return False
         ends = np.concatenate(
@@ -163,11 +165,9 @@ class Candidate:
                 at = pixels[ends[pixels] > 0]
                 level = seen.points_at(at) @ frame.up
                 found.append(ends[at[level < limit if found is foot else level > limit]])
-        foot_ends, top_ends = np.concatenate(foot), np.concatenate(top)
-        return OutOfSight(
-            *(_most(np.isin(ends, (BORDER, OCCLUDER, UNKNOWN))) for ends in (foot_ends, top_ends)),
-            past_border=_most(top_ends == BORDER),
-        )
+        out = (BORDER, OCCLUDER, UNKNOWN)
+        below, above = np.concatenate(foot), np.concatenate(top)
+        return OutOfSight(_most(np.isin(below, out)), _most(np.isin(above, out)), _most(above == BORDER))
 
     def reaches(self, frame: RoomFrame) -> bool:
         """Tell whether what was measured reaches a floor, or the surface on which it stands."""
@@ -274,7 +274,7 @@ def relate(
     beside = ((touching + touching.T) >= limits.CUT_PIXELS)[1:, 1:]
     index_of = [patch.limits.index for patch in patches]
     for k, one in enumerate(candidates):
-        number = one.support if one.support >= 0 else _floor_of(one, frame, patches)
+        number = one.support if one.support >= 0 else _floor_of(one, frame)
         box = one.box(frame)
         carrier = owner.get(number)
         foot = one.points[np.argmin(one.points @ frame.up)]
@@ -303,16 +303,12 @@ def relate(
         )
 
 
-def _floor_of(one: Candidate, frame: RoomFrame, patches: Sequence[Patch]) -> int:
-    """Number of the floor on which a candidate stands, from 0: the nearest below its foot; -1 for none."""
+def _floor_of(one: Candidate, frame: RoomFrame) -> int:
+    """Number of the floor on which a candidate stands, from 0: the nearest to its foot; -1 for none."""
     if not frame.floors or not one.reaches(frame):
         return -1
     foot = one.points[[np.argmin(one.points @ frame.up)]]
-    off = [
-        abs(float(patch.source.fit.surface.distance(foot)[0])) if k in frame.floor_numbers else np.inf
-        for k, patch in enumerate(patches)
-    ]
-    return int(np.argmin(off))
+    return min(frame.floors, key=lambda k: abs(float(frame.floors[k].distance(foot)[0])))
 
 
 def _height(patch: Patch, foot: FloatArray, frame: RoomFrame, world_from_reference: Pose) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from completion.backs import separation_limits as limits
 from completion.observe.observation import Observation
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray
 from texture.engine.compiled import compiled
 
 BORDER, OCCLUDER, FREE, UNKNOWN, ROOM = 2, 1, 3, 4, 5
@@ -43,16 +43,18 @@ class Outline:
 
     @classmethod
     def of(cls, seen: Observation, label: NDArray[np.int32], n_things: int, up: FloatArray) -> Outline:
-        """Look at the outlines of things, by the number of each pixel's (rows, columns), from 1; `up` (3,)."""
+        """Look at outlines by the thing, from 1, of each pixel (rows, columns), and what is `up` (3,)."""
         ranges, angle = seen.scan.ranges, seen.scan.projection.pixel_angle
         slack = limits.STEEP * angle * np.where(seen.valid, ranges, 0.0)
         slack += limits.N_SIGMA * np.sqrt(2.0) * seen.noise.deviation(ranges.ravel()).reshape(ranges.shape)
         rows, columns = (np.flatnonzero(seen.valid.any(axis=axis)) for axis in (1, 0))
-        bounds = np.array([rows.min(), rows.max(), columns.min(), columns.max()] if len(rows) else [0, 0, 0, 0])
+        bounds = np.array(
+            [rows.min(), rows.max(), columns.min(), columns.max()] if len(rows) else [0, 0, 0, 0]
+        )
         ends = np.zeros((3, *label.shape), dtype=np.uint8)
         occluded, touching = (np.zeros((n_things + 1, n_things + 1), np.int64) for _ in range(2))
         _look(ranges, label, slack, bounds, limits.SIDE_PX, _way_up(seen, up), ends, occluded, touching)
-        return cls(*ends.reshape(3, -1), occluded, touching)
+        return cls(ends[0].ravel(), ends[1].ravel(), ends[2].ravel(), occluded, touching)
 
     def cut(self, pixels: IntArray) -> tuple[bool, bool]:
         """Tell whether a thing with flat pixels (n,) is cut by the border, and by an occluder."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Things that stand in a room: apart from it, from each other and from what they stand on, with true values."""
+"""Things that stand in a room: apart from it, from each other, and from what they stand on."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_three_boxes_on_a_floor_are_three_things() -> None:
         assert thing.support_m == pytest.approx(0.0, abs=0.01)
         assert thing.box.axes[2] @ [0, 0, 1] > 0.999
         assert thing.box.high[2] == pytest.approx(high[2], abs=0.02)
-        assert not (thing.leans_at or thing.touches or thing.occluded_by or thing.hides)
+        assert thing.leans_at == thing.touches == thing.occluded_by == thing.hides == ()
         assert [(cut.scan, cut.border, cut.occluder) for cut in thing.cuts] == [(0, False, False)]
         middle = (np.array(low) + high)[:2] / 2
         places = (thing.box.low + thing.box.high)[:2] / 2 @ thing.box.axes[:2, :2]
@@ -120,7 +120,9 @@ def test_measured_area_and_surfaces_are_those_of_the_box() -> None:
     thing = seen.thing("middle")
     true = seen.truth("middle")
     angle = CAMERA.projection.pixel_angle
-    assert thing.measured_m2 == pytest.approx(float((seen.scans[0].ranges[true] * angle) ** 2 @ np.ones(true.sum())), rel=0.1)
+    assert thing.measured_m2 == pytest.approx(
+        float((seen.scans[0].ranges[true] * angle) ** 2 @ np.ones(true.sum())), rel=0.1
+    )
     assert thing.surfaces
     owners = seen.completion.owners[0]
     for number in thing.surfaces:
@@ -193,7 +195,10 @@ def test_a_thing_before_another_hides_it() -> None:
 
 
 def test_two_scans_from_both_sides_show_one_box() -> None:
-    views = [Pose.looking_at((2.0, 0.5, 1.4), (2.0, 2.2, 0.4)), Pose.looking_at((3.6, 3.2, 1.4), (2.0, 2.2, 0.4))]
+    views = [
+        Pose.looking_at((2.0, 0.5, 1.4), (2.0, 2.2, 0.4)),
+        Pose.looking_at((3.6, 3.2, 1.4), (2.0, 2.2, 0.4)),
+    ]
     seen = Seen(lambda build: build.add_box("box", (1.8, 2.0, 0), (2.3, 2.4, 0.5), GREY), views)
     (box,) = seen.things
     assert seen.thing("box", 0) is seen.thing("box", 1) is box
@@ -225,7 +230,7 @@ def test_without_a_floor_things_stand_on_what_is_known() -> None:
 
 
 def test_an_empty_room_has_no_things() -> None:
-    assert Seen(lambda build: None).things == ()
+    assert Seen(lambda _: None).things == ()
 
 
 def test_what_is_seen_through_a_door_is_no_thing_of_the_room() -> None:
