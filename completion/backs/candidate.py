@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from completion.backs import separation_limits as limits
 from completion.backs.separation import Part, RoomFrame
-from completion.backs.standing import BORDER, OCCLUDER, ROOM, UNKNOWN, Outline
+from completion.backs.standing import BORDER, OCCLUDER, ROOM, UNKNOWN, Outlines
 from completion.backs.thing import Cut, Thing, UprightBox
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
@@ -65,18 +65,18 @@ class Candidate:
         part = self.parts[0]
         return limits.N_SIGMA * part.sigma_m + limits.STEEP / 2 * part.spacing_m
 
-    def is_resolved(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+    def is_resolved(self, frame: RoomFrame, outlines: Outlines) -> bool:
         """Tell whether it has pixels enough, rises above what is flat, and is not a mere glimpse."""
-        share = [
-            len(pixels) / outline.ends.size for pixels, outline in zip(self.pixels, outlines, strict=True)
-        ]
-        if max(share) < limits.LEAST_SHARE or self.n_pixels < limits.LEAST_PIXELS:
-            return False
-        ends = np.concatenate(
-            [outline.ends[held] for outline, held in zip(outlines, self.pixels, strict=True)]
+        share = max(
+            len(pixels) / seen.scan.ranges.size
+            for pixels, seen in zip(self.pixels, self.scans.observations, strict=True)
         )
+        if share < limits.LEAST_SHARE or self.n_pixels < limits.LEAST_PIXELS:
+            return False
+        pairs = zip(outlines.each, self.pixels, strict=True)
+        ends = np.concatenate([outline.ends[0, outline.at(pixels)] for outline, pixels in pairs])
         cut = np.isin(ends[ends > 0], (BORDER, OCCLUDER)).mean()
-        if cut > limits.GLIMPSE_CUT and max(share) < limits.GLIMPSE_SHARE:
+        if cut > limits.GLIMPSE_CUT and share < limits.GLIMPSE_SHARE:
             return False
         box = self.box(frame)
         sides = np.sort(box.size)
@@ -109,7 +109,7 @@ class Candidate:
         places = self.points @ axes.T
         return UprightBox(axes, places.min(axis=0), places.max(axis=0))
 
-    def stands(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+    def stands(self, frame: RoomFrame, outlines: Outlines) -> bool:
         """Tell whether it may stand in the room.
 
         What comes up to a wall and was seen to end above the floor hangs there. What stays close to a wall,
@@ -131,7 +131,7 @@ class Candidate:
         """Tell whether there is a wall at which it may hang."""
         return any(map(self.leans_at, frame.walls))
 
-    def is_building(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+    def is_building(self, frame: RoomFrame, outlines: Outlines) -> bool:
         """Tell whether, its top out of sight, it is the end of a wall, a jamb, a column, or as high.
 
         These go on into the room at their sides, or are nearly all of one tall surface.
@@ -141,10 +141,12 @@ class Candidate:
         scan = self.parts[0].scan
         pixels = self.pixels[scan]
         share = np.bincount(self.scans.owners[scan].ravel()[pixels])[1:].max(initial=0) / len(pixels)
-        pixels = pixels[outlines[scan].ends[pixels] > 0]
-        level = self.scans.observations[scan].points_at(pixels) @ frame.up
+        outline = outlines.each[scan]
+        at = outline.at(pixels)
+        at = at[outline.ends[0, at] > 0]
+        level = self.scans.observations[scan].points_at(outline.pixels[at]) @ frame.up
         low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
-        sides = outlines[scan].ends[pixels][level > low + (high - low) / 4]
+        sides = outline.ends[0, at[level > low + (high - low) / 4]]
         goes_on = np.count_nonzero(sides == ROOM) > limits.JOINED * len(sides)
         is_tall = high - low > limits.RISING_M
         is_slender = high - low > limits.SLENDER * self.box(frame).size[:2].max()
@@ -155,19 +157,20 @@ class Candidate:
             or (highest > limits.SHAFT_M and share > limits.SHAFT_SHARE)
         )
 
-    def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> OutOfSight:
+    def hidden(self, frame: RoomFrame, outlines: Outlines) -> OutOfSight:
         """Tell whether its ends go on out of sight."""
         low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
         band = max(limits.END * float(high - low), self.slack_m)
         foot, top = list[NDArray[np.uint8]](), list[NDArray[np.uint8]]()
-        for seen, outline, pixels in zip(self.scans.observations, outlines, self.pixels, strict=True):
-            for ends, found, limit in ((outline.below, foot, low + band), (outline.above, top, high - band)):
-                at = pixels[ends[pixels] > 0]
-                level = seen.points_at(at) @ frame.up
-                found.append(ends[at[level < limit if found is foot else level > limit]])
+        for seen, outline, pixels in zip(self.scans.observations, outlines.each, self.pixels, strict=True):
+            at = outline.at(pixels)
+            level = seen.points_at(outline.pixels[at]) @ frame.up
+            _, above, below = outline.ends[:, at]
+            foot.append(below[(level < low + band) & (below > 0)])
+            top.append(above[(level > high - band) & (above > 0)])
         out = (BORDER, OCCLUDER, UNKNOWN)
-        below, above = np.concatenate(foot), np.concatenate(top)
-        return OutOfSight(_most(np.isin(below, out)), _most(np.isin(above, out)), _most(above == BORDER))
+        bottoms, tops = np.concatenate(foot), np.concatenate(top)
+        return OutOfSight(_most(np.isin(bottoms, out)), _most(np.isin(tops, out)), _most(tops == BORDER))
 
     def reaches(self, frame: RoomFrame) -> bool:
         """Tell whether what was measured reaches a floor, or the surface on which it stands."""
@@ -189,7 +192,7 @@ class Candidate:
         return bool(np.count_nonzero(near) >= limits.CUT_PIXELS)
 
     def surfaces(self, n_surfaces: int) -> IntArray:
-        """Numbers, from 0, of the surfaces most of whose pixels are of it."""
+        """Numbers (n,), from 0, of the surfaces most of whose pixels are of it."""
         own, every = np.zeros(n_surfaces + 1), np.zeros(n_surfaces + 1)
         for owners, pixels in zip(self.scans.owners, self.pixels, strict=True):
             own += np.bincount(owners.ravel()[pixels], minlength=n_surfaces + 1)
@@ -209,16 +212,13 @@ def _most(hidden: BoolArray) -> bool:
     return bool(len(hidden) and hidden.mean() >= limits.HIDDEN)
 
 
-def join_hanging(
-    candidates: Sequence[Candidate], frame: RoomFrame, outlines: Sequence[Outline]
-) -> list[Candidate]:
+def join_hanging(candidates: Sequence[Candidate], frame: RoomFrame, outlines: Outlines) -> list[Candidate]:
     """Return candidates of which those that stand on nothing in sight are joined with what they are in.
 
     Two things take up different parts of a plan, unless one stands on the other. So what lies in the plan of
     another, and whose own foot or top is out of sight or at the other's height, is of the other.
     """
-    size = len(candidates) + 1
-    occluded = sum((outline.occluded for outline in outlines), np.zeros((size, size), np.int64))[1:, 1:]
+    occluded = outlines.occluded[1:, 1:]
     hidden = [one.hidden(frame, outlines) for one in candidates]
     loose = [k for k, one in enumerate(candidates) if one.support < 0 or hidden[k].foot]
     areas = {k: candidates[k].area(frame) for k in loose}
@@ -258,18 +258,14 @@ def join_hanging(
 def relate(
     candidates: Sequence[Candidate],
     frame: RoomFrame,
-    outlines: Sequence[Outline],
+    outlines: Outlines,
     patches: Sequence[Patch],
     world_from_reference: Pose,
 ) -> Iterator[Thing]:
     """Yield the things that candidates are, with what they are to each other, world coordinates."""
     surfaces = [one.surfaces(len(patches)) for one in candidates]
     owner = {int(number): k for k, held in enumerate(surfaces) for number in held}
-    size = len(candidates) + 1
-    occluded, touching = (
-        sum((getattr(outline, name) for outline in outlines), np.zeros((size, size), np.int64))
-        for name in ("occluded", "touching")
-    )
+    occluded, touching = outlines.occluded, outlines.touching
     behind = (occluded >= limits.CUT_PIXELS)[1:, 1:]
     beside = ((touching + touching.T) >= limits.CUT_PIXELS)[1:, 1:]
     index_of = [patch.limits.index for patch in patches]
@@ -295,7 +291,7 @@ def relate(
             hides=tuple(np.flatnonzero(behind[:, k]).tolist()),
             cuts=tuple(
                 Cut(scan, *outline.cut(one.pixels[scan]))
-                for scan, outline in enumerate(outlines)
+                for scan, outline in enumerate(outlines.each)
                 if len(one.pixels[scan])
             ),
             surfaces=tuple(surfaces[k].tolist()),

@@ -153,14 +153,14 @@ class ScanView:
 
     @classmethod
     def of(cls, number: int, seen: Observation, owners: NDArray[np.int32], frame: RoomFrame) -> ScanView:
-        """Read a scan, and leave out what is of the room."""
+        """Read a scan, by the surfaces `owners` (rows, columns) of its pixels, without what is of the room."""
         points, own = seen.scan.points().reshape(-1, 3), owners.ravel()
         sigma = seen.noise.deviation(seen.scan.ranges.ravel())
         free = seen.valid.ravel() & ~frame.is_room[own]
         at = np.flatnonzero(free)
         slack = np.hypot(limits.OFF_ROOM_M, limits.N_SIGMA * sigma[at])
         free[at] = ~frame.is_outside(points[at], seen.scan.origin, slack)
-        return cls(number, seen, points, own, sigma, free)
+        return cls(number=number, seen=seen, points=points, owners=own, sigma=sigma, free=free)
 
     @property
     def spacing(self) -> FloatArray:
@@ -173,7 +173,7 @@ class ScanView:
         slack = limits.STEEP * np.where(kept, self.spacing, 0.0)
         slack += limits.N_SIGMA * np.sqrt(2.0) * self.sigma
         out = np.full(rows * columns, -1, dtype=np.int64)
-        _link(self.points, kept, self.owners, slack, rows, columns, _wraps(self.seen), limits.ACROSS_PX, out)
+        _link(self.points, kept, self.owners, slack, rows, columns, wraps(self.seen), limits.ACROSS_PX, out)
         return out
 
     def parts(self, frame: RoomFrame) -> Iterator[Part]:
@@ -210,9 +210,15 @@ class ScanView:
 
     def _part(self, pixels: IntArray, support: int) -> Part:
         """Some pixels as a part."""
-        points = self.points[pixels[:: max(1, len(pixels) // limits.N_POINTS)]]
         spacing, sigma = (float(np.median(values[pixels])) for values in (self.spacing, self.sigma))
-        return Part(self.number, pixels, support, points, spacing, sigma)
+        return Part(
+            scan=self.number,
+            pixels=pixels,
+            support=support,
+            points=self.points[pixels[:: max(1, len(pixels) // limits.N_POINTS)]],
+            spacing_m=spacing,
+            sigma_m=sigma,
+        )
 
 
 def _plane(patch: Patch) -> Plane:
@@ -273,8 +279,8 @@ def groups(part: IntArray, least: int) -> Iterator[IntArray]:
             yield one
 
 
-def _wraps(seen: Observation) -> bool:
-    """Whether the first column of a scan is next to its last."""
+def wraps(seen: Observation) -> bool:
+    """Tell whether the first column of a scan is next to its last."""
     projection = seen.scan.projection
     turn = seen.scan.shape[1] * projection.pixel_angle
     return projection.kind == "spherical" and abs(turn - 2 * np.pi) < 2 * projection.pixel_angle
