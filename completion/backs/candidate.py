@@ -78,11 +78,23 @@ class Candidate:
         cut = np.isin(ends[ends > 0], (BORDER, OCCLUDER)).mean()
         if cut > limits.GLIMPSE_CUT and share < limits.GLIMPSE_SHARE:
             return False
+        if self.is_between(frame):
+            return False
         box = self.box(frame)
         sides = np.sort(box.size)
         least = limits.LEAST_SPACINGS * self.parts[0].spacing_m
         rises = box.size[2] > max(limits.OFF_PLANE * box.diagonal_m, limits.N_SIGMA * self.parts[0].sigma_m)
         return bool(sides[1] >= least and rises)
+
+    def is_between(self, frame: RoomFrame) -> bool:
+        """Tell whether it is of beams that met two surfaces: of no surface, and deep along the beams."""
+        scan, pixels = self.parts[0].scan, self.parts[0].pixels
+        is_free = self.scans.owners[scan].ravel()[pixels] == 0
+        plan = self.parts[0].points @ frame.axes.T
+        away = plan.mean(axis=0) - self.scans.observations[scan].scan.origin @ frame.axes.T
+        frame_of = np.stack([away, [-away[1], away[0]]]) / max(float(np.linalg.norm(away)), 1e-9)
+        depth, width = np.ptp(np.quantile(plan @ frame_of.T, (0.05, 0.95), axis=0), axis=0)
+        return bool(is_free.mean() > limits.UNEXPLAINED and depth > limits.RADIAL * width)
 
     def plan(self, frame: RoomFrame) -> shapely.Geometry:
         """The convex hull of its plan, along the frame's level axes."""

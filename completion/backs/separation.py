@@ -153,7 +153,7 @@ class ScanView:
 
     @classmethod
     def of(cls, number: int, seen: Observation, owners: NDArray[np.int32], frame: RoomFrame) -> ScanView:
-        """Read a scan, by the surfaces `owners` (rows, columns) of its pixels, without what is of the room."""
+        """Read a scan, by the surfaces `owners` (rows, columns) of its pixels, less what is of the room."""
         points, own = seen.scan.points().reshape(-1, 3), owners.ravel()
         sigma = seen.noise.deviation(seen.scan.ranges.ravel())
         free = seen.valid.ravel() & ~frame.is_room[own]

@@ -75,6 +75,8 @@ GLIMPSE_CUT, GLIMPSE_SHARE = 0.5, 0.01
 """Share of its outline that is cut from which a thing is not told, unless it fills this share of a scan."""
 LEAST_SPACINGS = 6.0
 """Spacings of pixels along the second longest side of a thing's box at least."""
+UNEXPLAINED, RADIAL = 0.5, 2.0
+"""Share of pixels of no surface, and depth as a multiple of the width, from which beams met two surfaces."""
 STANDS_M = 0.12
 """Metres above a floor from which what was measured of a thing does not reach it."""
 N_POINTS = 1500

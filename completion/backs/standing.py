@@ -148,6 +148,10 @@ def _look(
                     else:
                         here = 3
                     break
+                if here == 4:  # nothing came back from there on, up to the border
+                    r, c = row + 4 * across * step_row, column + 4 * across * step_column
+                    is_aside = ways[2] == 0 and (c < bounds[2] or c > bounds[3])
+                    here = 2 if is_aside or r < bounds[0] or r > bounds[1] else 4
                 if way == above:
                     ends[1, row, column] = here
                 if way == above ^ 1:
