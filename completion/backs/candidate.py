@@ -96,6 +96,11 @@ class Candidate:
         depth, width = np.ptp(np.quantile(plan @ frame_of.T, (0.05, 0.95), axis=0), axis=0)
         return bool(is_free.mean() > limits.UNEXPLAINED and depth > limits.RADIAL * width)
 
+    def is_cut(self, hidden: OutOfSight, outlines: Outlines) -> bool:
+        """Tell whether too little of it is in sight to tell what stands on something from a part of that."""
+        pairs = zip(outlines.each, self.pixels, strict=True)
+        return hidden.foot or all(outline.cut(held)[0] for outline, held in pairs if len(held))
+
     def plan(self, frame: RoomFrame) -> shapely.Geometry:
         """The convex hull of its plan, along the frame's level axes."""
         return shapely.MultiPoint(self.points @ frame.axes.T).convex_hull
@@ -232,7 +237,7 @@ def join_hanging(candidates: Sequence[Candidate], frame: RoomFrame, outlines: Ou
     """
     occluded = outlines.occluded[1:, 1:]
     hidden = [one.hidden(frame, outlines) for one in candidates]
-    loose = [k for k, one in enumerate(candidates) if one.support < 0 or hidden[k].foot]
+    loose = [k for k, one in enumerate(candidates) if one.support < 0 or one.is_cut(hidden[k], outlines)]
     areas = {k: candidates[k].area(frame) for k in loose}
     rests = [one.support >= 0 or one.reaches(frame) or one.hangs(frame) for one in candidates]
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
