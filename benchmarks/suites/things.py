@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import shapely
 
@@ -27,8 +27,8 @@ _PLAIN = CompletionOptions(texture=False)
 class _Judged:
     """What became of things, of those of them that are whole in their scan, and seconds of processor time."""
 
-    every: Separated = Separated()
-    whole: Separated = Separated()
+    every: Separated = field(default_factory=Separated)
+    whole: Separated = field(default_factory=Separated)
     cpu_s: float = 0.0
 
     def __add__(self, other: _Judged) -> _Judged:

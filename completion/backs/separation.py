@@ -147,6 +147,7 @@ class ScanView:
     number: int
     seen: Observation
     points: FloatArray  # working frame; NaN without return
+    plan: FloatArray  # (rows * columns, 2) of these
     owners: NDArray[np.int32]
     sigma: FloatArray
     free: BoolArray  # measured, and of no room
@@ -160,7 +161,8 @@ class ScanView:
         at = np.flatnonzero(free)
         slack = np.hypot(limits.OFF_ROOM_M, limits.N_SIGMA * sigma[at])
         free[at] = ~frame.is_outside(points[at], seen.scan.origin, slack)
-        return cls(number=number, seen=seen, points=points, owners=own, sigma=sigma, free=free)
+        plan = points @ frame.axes.T
+        return cls(number=number, seen=seen, points=points, plan=plan, owners=own, sigma=sigma, free=free)
 
     @property
     def spacing(self) -> FloatArray:
@@ -180,24 +182,25 @@ class ScanView:
         """Yield its parts: what stands on each support, then the rest."""
         standing = np.full(len(self.free), -1, dtype=np.int64)
         for k, support in enumerate(frame.supports):
-            for pixels in self._on(support, frame):
+            for pixels in self._on(support):
                 standing[pixels] = k
         for k in range(-1, len(frame.supports)):
             part = self.linked(self.free & (standing == k))
             number = -1 if k < 0 else frame.supports[k].number
             yield from (self._part(pixels, number) for pixels in groups(part, limits.LEAST_PIXELS // 4))
 
-    def _on(self, support: Support, frame: RoomFrame) -> Iterator[IntArray]:
+    def _on(self, support: Support) -> Iterator[IntArray]:
         """Yield flat pixels of each group that stands on a support, and not beside it or under it."""
         height = support.plane.distance(self.points)
         slack = limits.N_SIGMA * np.hypot(self.sigma, support.sd_m) + limits.OFF_ROOM_M / 4
-        level = self.free & (np.abs(height) < slack)
-        at = np.flatnonzero(level)
-        level[at] = shapely.contains_xy(support.outline, *(self.points[at] @ frame.axes.T).T)
-        level |= self.owners == support.number + 1
-        rest = self.free & ~level
-        if not (rest & (height > 0)).any():
+        west, south, east, north = support.outline.bounds
+        over = (self.plan > [west, south]).all(axis=1) & (self.plan < [east, north]).all(axis=1) & self.free
+        if np.count_nonzero(over & (height > slack)) < limits.LEAST_PIXELS // 4:
             return
+        at = np.flatnonzero(over & (np.abs(height) < slack))
+        level = self.owners == support.number + 1
+        level[at] |= shapely.contains_xy(support.outline, *self.plan[at].T)
+        rest = self.free & ~level
         for pixels in groups(self.linked(rest), limits.LEAST_PIXELS // 4):
             above = height[pixels]
             bottom, top = np.quantile(above, (0.02, 0.98))
@@ -205,7 +208,7 @@ class ScanView:
             if (above < -slack[pixels]).mean() > limits.BELOW or bottom > gap + np.median(slack[pixels]):
                 continue
             foot = pixels[above < bottom + max(limits.FOOT * (top - bottom), gap)]
-            if support.carries(self.points[foot] @ frame.axes.T, self.points[pixels] @ frame.axes.T):
+            if support.carries(self.plan[foot], self.plan[pixels]):
                 yield pixels
 
     def _part(self, pixels: IntArray, support: int) -> Part:
