@@ -19,6 +19,7 @@ from completion.room.roles import Room
 from completion.room.walls import Wall
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.inclination import LIMIT_DEG
+from scenes.scan.projection import SphericalProjection
 from scenes.surfaces.catalogue import Cylinder, Plane
 from texture.engine.compiled import compiled
 
@@ -285,8 +286,10 @@ def groups(part: IntArray, least: int) -> Iterator[IntArray]:
 def wraps(seen: Observation) -> bool:
     """Tell whether the first column of a scan is next to its last."""
     projection = seen.scan.projection
-    turn = seen.scan.shape[1] * projection.pixel_angle
-    return projection.kind == "spherical" and abs(turn - 2 * np.pi) < 2 * projection.pixel_angle
+    if not isinstance(projection, SphericalProjection) or len(projection.azimuths) < 2:
+        return False
+    step = abs(float(projection.azimuths[1] - projection.azimuths[0]))
+    return abs(abs(float(projection.azimuths[-1] - projection.azimuths[0])) + step - 2 * np.pi) < step
 
 
 @compiled

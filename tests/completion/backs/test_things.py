@@ -17,7 +17,7 @@ from completion.backs.things import find_things, why_none
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from scenes.checks import FloatArray
 from scenes.inclination import Up
 from scenes.pose import Pose
@@ -36,14 +36,16 @@ Build = Callable[[SceneBuilder], None]
 class Seen:
     """Scans of a room of 4 x 4 x 2.5 m with what `build` puts there, and the things that are found."""
 
-    def __init__(self, build: Build, views: Sequence[Pose] = (), *, shell: bool = True) -> None:
+    def __init__(
+        self, build: Build, views: Sequence[Pose] = (), *, shell: bool = True, sensor: Sensor = CAMERA
+    ) -> None:
         builder = SceneBuilder("room", "room")
         if shell:
             builder.add_box("shell", (0, 0, 0), (4, 4, 2.5), GREY, inward=True)
         build(builder)
         scene = builder.finish()
         self.scans: tuple[RangeImage, ...] = tuple(
-            scan_scene(scene, pose, CAMERA, effects=Effects(noise=ConstantNoise(constant_m=SIGMA_M)), rng=k)
+            scan_scene(scene, pose, sensor, effects=Effects(noise=ConstantNoise(constant_m=SIGMA_M)), rng=k)
             for k, pose in enumerate(views or [Pose.looking_at(EYE, AIM)])
         )
         self.names = [name.split()[0] for name in scene.surface_names]
@@ -227,6 +229,27 @@ def test_without_a_floor_things_stand_on_what_is_known() -> None:
     assert box.support_m == pytest.approx(0.7, abs=0.01)
     assert box.stands_on is not None
     assert all(not patch.limits.role for patch in [seen.completion.patches[box.stands_on]])
+
+
+def test_the_seam_of_a_panorama_cuts_nothing() -> None:
+    around = SphericalSensor(
+        elevation_min_deg=-60, elevation_max_deg=60, width=480, height=160, name="around"
+    )
+    pose = Pose.looking_at((2.0, 0.8, 1.4), (2.0, 0.0, 1.4))  # the seam is opposite
+    seen = Seen(
+        lambda build: build.add_box("box", (1.7, 2.3, 0), (2.3, 2.7, 0.6), GREY), [pose], sensor=around
+    )
+    (box,) = seen.things
+    assert seen.thing("box") is box
+    columns = np.nonzero(box.mask(0, seen.scans[0].shape).any(axis=0))[0]
+    assert {0, 479} <= set(columns.tolist())
+    assert [(cut.border, cut.occluder) for cut in box.cuts] == [(False, False)]
+
+
+def test_a_scan_without_returns_has_no_things() -> None:
+    scan = boxes().scans[0]
+    empty = replace(scan, ranges=np.full(scan.shape, np.inf))
+    assert find(complete([empty], CompletionOptions(texture=False), rng=0)) == ()
 
 
 def test_an_empty_room_has_no_things() -> None:
