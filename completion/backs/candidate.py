@@ -96,10 +96,10 @@ class Candidate:
         depth, width = np.ptp(np.quantile(plan @ frame_of.T, (0.05, 0.95), axis=0), axis=0)
         return bool(is_free.mean() > limits.UNEXPLAINED and depth > limits.RADIAL * width)
 
-    def is_cut(self, hidden: OutOfSight, outlines: Outlines) -> bool:
-        """Tell whether too little of it is in sight to tell what stands on something from a part of that."""
+    def is_cut(self, outlines: Outlines) -> bool:
+        """Tell whether the border cuts it in each scan that shows it."""
         pairs = zip(outlines.each, self.pixels, strict=True)
-        return hidden.foot or all(outline.cut(held)[0] for outline, held in pairs if len(held))
+        return all(outline.cut(held)[0] for outline, held in pairs if len(held))
 
     def plan(self, frame: RoomFrame) -> shapely.Geometry:
         """The convex hull of its plan, along the frame's level axes."""
@@ -237,7 +237,8 @@ def join_hanging(candidates: Sequence[Candidate], frame: RoomFrame, outlines: Ou
     """
     occluded = outlines.occluded[1:, 1:]
     hidden = [one.hidden(frame, outlines) for one in candidates]
-    loose = [k for k, one in enumerate(candidates) if one.support < 0 or one.is_cut(hidden[k], outlines)]
+    cut = [one.is_cut(outlines) for one in candidates]
+    loose = [k for k, one in enumerate(candidates) if one.support < 0 or cut[k] or hidden[k].foot]
     areas = {k: candidates[k].area(frame) for k in loose}
     rests = [one.support >= 0 or one.reaches(frame) or one.hangs(frame) for one in candidates]
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
@@ -255,6 +256,8 @@ def join_hanging(candidates: Sequence[Candidate], frame: RoomFrame, outlines: Ou
             above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]
             within = ranges[k][1] < ranges[m][1] + slack
             is_behind = occluded[k, m] >= limits.CUT_PIXELS
+            if one.support >= 0 and not (is_behind or cut[k]):
+                continue
             is_leg = is_behind and within and (hidden[k].top or not rests[m])
             if is_leg if stands else (above or within or (is_behind and hidden[k].foot)):
                 best, most = m, other.n_pixels
