@@ -16,7 +16,7 @@ LEAST = 0.002  # share of a scan's pixels of a true thing that is asked for
 _SAME = 0.5  # intersection over union
 _PART = 0.25  # of the pixels of what is found, from which it holds another thing
 _HUNG = re.compile(
-    r"room \d+ (picture|mirror|ceiling lamp|radiator|tall radiator|wall shelf|basin|parapet|podium|stairs|rug)"
+    r"room \d+ (picture|mirror|ceiling lamp|(tall )?radiator|wall shelf|basin|parapet|podium|stairs|rug)"
     r"( \d+)?(: .*)?$|.*: (pillow|row) \d+.*|.*(curtain|blind).*|.*sill$|post \d+ .*"
 )
 _BUILT = re.compile(r"room \d+ (casing|column) \d+: .*")
@@ -63,7 +63,9 @@ def instances(names: Sequence[str], room: int | None = None) -> NDArray[np.int32
     """
     known: dict[str, int] = {}
     found = [_instance(name, room) for name in names]
-    numbers = [0 if one == "" else -1 if one == "?" else known.setdefault(one, len(known) + 1) for one in found]
+    numbers = [
+        0 if one == "" else -1 if one == "?" else known.setdefault(one, len(known) + 1) for one in found
+    ]
     return np.array([*numbers, 0], dtype=np.int32)
 
 

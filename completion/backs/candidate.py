@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from completion.backs import separation_limits as limits
 from completion.backs.separation import Part, RoomFrame
-from completion.backs.standing import BORDER, OCCLUDER, ROOM, UNKNOWN, Outline
+from completion.backs.standing import BORDER, OCCLUDER, ROOM, UNKNOWN, Outlines
 from completion.backs.thing import Cut, Thing, UprightBox
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
@@ -25,7 +25,7 @@ from scenes.pose import Pose
 
 
 class OutOfSight(NamedTuple):
-    """Whether the foot and the top of something go on out of sight, and the top past the border of an image."""
+    """Whether the foot and the top of something go on out of sight, and the top past the border."""
 
     foot: bool
     top: bool
@@ -65,22 +65,41 @@ class Candidate:
         part = self.parts[0]
         return limits.N_SIGMA * part.sigma_m + limits.STEEP / 2 * part.spacing_m
 
-    def is_resolved(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+    def is_resolved(self, frame: RoomFrame, outlines: Outlines) -> bool:
         """Tell whether it has pixels enough, rises above what is flat, and is not a mere glimpse."""
-        share = [len(pixels) / outline.ends.size for pixels, outline in zip(self.pixels, outlines, strict=True)]
-        if max(share) < limits.LEAST_SHARE or self.n_pixels < limits.LEAST_PIXELS:
-            return False
-        ends = np.concatenate(
-            [outline.ends[held] for outline, held in zip(outlines, self.pixels, strict=True)]
+        share = max(
+            len(pixels) / seen.scan.ranges.size
+            for pixels, seen in zip(self.pixels, self.scans.observations, strict=True)
         )
+        if share < limits.LEAST_SHARE or self.n_pixels < limits.LEAST_PIXELS:
+            return False
+        pairs = zip(outlines.each, self.pixels, strict=True)
+        ends = np.concatenate([outline.ends[0, outline.at(pixels)] for outline, pixels in pairs])
         cut = np.isin(ends[ends > 0], (BORDER, OCCLUDER)).mean()
-        if cut > limits.GLIMPSE_CUT and max(share) < limits.GLIMPSE_SHARE:
+        if cut > limits.GLIMPSE_CUT and share < limits.GLIMPSE_SHARE:
+            return False
+        if self.is_between(frame):
             return False
         box = self.box(frame)
         sides = np.sort(box.size)
         least = limits.LEAST_SPACINGS * self.parts[0].spacing_m
         rises = box.size[2] > max(limits.OFF_PLANE * box.diagonal_m, limits.N_SIGMA * self.parts[0].sigma_m)
         return bool(sides[1] >= least and rises)
+
+    def is_between(self, frame: RoomFrame) -> bool:
+        """Tell whether it is of beams that met two surfaces: of no surface, and deep along the beams."""
+        scan, pixels = self.parts[0].scan, self.parts[0].pixels
+        is_free = self.scans.owners[scan].ravel()[pixels] == 0
+        plan = self.parts[0].points @ frame.axes.T
+        away = plan.mean(axis=0) - self.scans.observations[scan].scan.origin @ frame.axes.T
+        frame_of = np.stack([away, [-away[1], away[0]]]) / max(float(np.linalg.norm(away)), 1e-9)
+        depth, width = np.ptp(np.quantile(plan @ frame_of.T, (0.05, 0.95), axis=0), axis=0)
+        return bool(is_free.mean() > limits.UNEXPLAINED and depth > limits.RADIAL * width)
+
+    def is_cut(self, outlines: Outlines) -> bool:
+        """Tell whether the border cuts it in each scan that shows it."""
+        pairs = zip(outlines.each, self.pixels, strict=True)
+        return all(outline.cut(held)[0] for outline, held in pairs if len(held))
 
     def plan(self, frame: RoomFrame) -> shapely.Geometry:
         """The convex hull of its plan, along the frame's level axes."""
@@ -107,7 +126,7 @@ class Candidate:
         places = self.points @ axes.T
         return UprightBox(axes, places.min(axis=0), places.max(axis=0))
 
-    def stands(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+    def stands(self, frame: RoomFrame, outlines: Outlines) -> bool:
         """Tell whether it may stand in the room.
 
         What comes up to a wall and was seen to end above the floor hangs there. What stays close to a wall,
@@ -129,7 +148,7 @@ class Candidate:
         """Tell whether there is a wall at which it may hang."""
         return any(map(self.leans_at, frame.walls))
 
-    def is_building(self, frame: RoomFrame, outlines: Sequence[Outline]) -> bool:
+    def is_building(self, frame: RoomFrame, outlines: Outlines) -> bool:
         """Tell whether, its top out of sight, it is the end of a wall, a jamb, a column, or as high.
 
         These go on into the room at their sides, or are nearly all of one tall surface.
@@ -139,10 +158,12 @@ class Candidate:
         scan = self.parts[0].scan
         pixels = self.pixels[scan]
         share = np.bincount(self.scans.owners[scan].ravel()[pixels])[1:].max(initial=0) / len(pixels)
-        pixels = pixels[outlines[scan].ends[pixels] > 0]
-        level = self.scans.observations[scan].points_at(pixels) @ frame.up
+        outline = outlines.each[scan]
+        at = outline.at(pixels)
+        at = at[outline.ends[0, at] > 0]
+        level = self.scans.observations[scan].points_at(outline.pixels[at]) @ frame.up
         low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
-        sides = outlines[scan].ends[pixels][level > low + (high - low) / 4]
+        sides = outline.ends[0, at[level > low + (high - low) / 4]]
         goes_on = np.count_nonzero(sides == ROOM) > limits.JOINED * len(sides)
         is_tall = high - low > limits.RISING_M
         is_slender = high - low > limits.SLENDER * self.box(frame).size[:2].max()
@@ -153,21 +174,20 @@ class Candidate:
             or (highest > limits.SHAFT_M and share > limits.SHAFT_SHARE)
         )
 
-    def hidden(self, frame: RoomFrame, outlines: Sequence[Outline]) -> OutOfSight:
+    def hidden(self, frame: RoomFrame, outlines: Outlines) -> OutOfSight:
         """Tell whether its ends go on out of sight."""
         low, high = np.quantile(self.points @ frame.up, (0.01, 0.99))
         band = max(limits.END * float(high - low), self.slack_m)
         foot, top = list[NDArray[np.uint8]](), list[NDArray[np.uint8]]()
-        for seen, outline, pixels in zip(self.scans.observations, outlines, self.pixels, strict=True):
-            for ends, found, limit in ((outline.below, foot, low + band), (outline.above, top, high - band)):
-                at = pixels[ends[pixels] > 0]
-                level = seen.points_at(at) @ frame.up
-                found.append(ends[at[level < limit if found is foot else level > limit]])
-        foot_ends, top_ends = np.concatenate(foot), np.concatenate(top)
-        return OutOfSight(
-            *(_most(np.isin(ends, (BORDER, OCCLUDER, UNKNOWN))) for ends in (foot_ends, top_ends)),
-            past_border=_most(top_ends == BORDER),
-        )
+        for seen, outline, pixels in zip(self.scans.observations, outlines.each, self.pixels, strict=True):
+            at = outline.at(pixels)
+            level = seen.points_at(outline.pixels[at]) @ frame.up
+            _, above, below = outline.ends[:, at]
+            foot.append(below[(level < low + band) & (below > 0)])
+            top.append(above[(level > high - band) & (above > 0)])
+        out = (BORDER, OCCLUDER, UNKNOWN)
+        bottoms, tops = np.concatenate(foot), np.concatenate(top)
+        return OutOfSight(_most(np.isin(bottoms, out)), _most(np.isin(tops, out)), _most(tops == BORDER))
 
     def reaches(self, frame: RoomFrame) -> bool:
         """Tell whether what was measured reaches a floor, or the surface on which it stands."""
@@ -189,7 +209,7 @@ class Candidate:
         return bool(np.count_nonzero(near) >= limits.CUT_PIXELS)
 
     def surfaces(self, n_surfaces: int) -> IntArray:
-        """Numbers, from 0, of the surfaces most of whose pixels are of it."""
+        """Numbers (n,), from 0, of the surfaces most of whose pixels are of it."""
         own, every = np.zeros(n_surfaces + 1), np.zeros(n_surfaces + 1)
         for owners, pixels in zip(self.scans.owners, self.pixels, strict=True):
             own += np.bincount(owners.ravel()[pixels], minlength=n_surfaces + 1)
@@ -209,18 +229,16 @@ def _most(hidden: BoolArray) -> bool:
     return bool(len(hidden) and hidden.mean() >= limits.HIDDEN)
 
 
-def join_hanging(
-    candidates: Sequence[Candidate], frame: RoomFrame, outlines: Sequence[Outline]
-) -> list[Candidate]:
+def join_hanging(candidates: Sequence[Candidate], frame: RoomFrame, outlines: Outlines) -> list[Candidate]:
     """Return candidates of which those that stand on nothing in sight are joined with what they are in.
 
     Two things take up different parts of a plan, unless one stands on the other. So what lies in the plan of
     another, and whose own foot or top is out of sight or at the other's height, is of the other.
     """
-    size = len(candidates) + 1
-    occluded = sum((outline.occluded for outline in outlines), np.zeros((size, size), np.int64))[1:, 1:]
+    occluded = outlines.occluded[1:, 1:]
     hidden = [one.hidden(frame, outlines) for one in candidates]
-    loose = [k for k, one in enumerate(candidates) if one.support < 0 or hidden[k].foot]
+    cut = [one.is_cut(outlines) for one in candidates]
+    loose = [k for k, one in enumerate(candidates) if one.support < 0 or cut[k] or hidden[k].foot]
     areas = {k: candidates[k].area(frame) for k in loose}
     rests = [one.support >= 0 or one.reaches(frame) or one.hangs(frame) for one in candidates]
     ranges = {k: np.quantile(candidates[k].points @ frame.up, (0.01, 0.99)) for k in loose}
@@ -238,6 +256,8 @@ def join_hanging(
             above = ranges[k][0] < ranges[m][1] + slack and ranges[k][1] > ranges[m][1]
             within = ranges[k][1] < ranges[m][1] + slack
             is_behind = occluded[k, m] >= limits.CUT_PIXELS
+            if one.support >= 0 and not (is_behind or cut[k]):
+                continue
             is_leg = is_behind and within and (hidden[k].top or not rests[m])
             if is_leg if stands else (above or within or (is_behind and hidden[k].foot)):
                 best, most = m, other.n_pixels
@@ -258,23 +278,19 @@ def join_hanging(
 def relate(
     candidates: Sequence[Candidate],
     frame: RoomFrame,
-    outlines: Sequence[Outline],
+    outlines: Outlines,
     patches: Sequence[Patch],
     world_from_reference: Pose,
 ) -> Iterator[Thing]:
     """Yield the things that candidates are, with what they are to each other, world coordinates."""
     surfaces = [one.surfaces(len(patches)) for one in candidates]
     owner = {int(number): k for k, held in enumerate(surfaces) for number in held}
-    size = len(candidates) + 1
-    occluded, touching = (
-        sum((getattr(outline, name) for outline in outlines), np.zeros((size, size), np.int64))
-        for name in ("occluded", "touching")
-    )
+    occluded, touching = outlines.occluded, outlines.touching
     behind = (occluded >= limits.CUT_PIXELS)[1:, 1:]
     beside = ((touching + touching.T) >= limits.CUT_PIXELS)[1:, 1:]
     index_of = [patch.limits.index for patch in patches]
     for k, one in enumerate(candidates):
-        number = one.support if one.support >= 0 else _floor_of(one, frame, patches)
+        number = one.support if one.support >= 0 else _floor_of(one, frame)
         box = one.box(frame)
         carrier = owner.get(number)
         foot = one.points[np.argmin(one.points @ frame.up)]
@@ -295,7 +311,7 @@ def relate(
             hides=tuple(np.flatnonzero(behind[:, k]).tolist()),
             cuts=tuple(
                 Cut(scan, *outline.cut(one.pixels[scan]))
-                for scan, outline in enumerate(outlines)
+                for scan, outline in enumerate(outlines.each)
                 if len(one.pixels[scan])
             ),
             surfaces=tuple(surfaces[k].tolist()),
@@ -303,16 +319,12 @@ def relate(
         )
 
 
-def _floor_of(one: Candidate, frame: RoomFrame, patches: Sequence[Patch]) -> int:
-    """Number of the floor on which a candidate stands, from 0: the nearest below its foot; -1 for none."""
+def _floor_of(one: Candidate, frame: RoomFrame) -> int:
+    """Number of the floor on which a candidate stands, from 0: the nearest to its foot; -1 for none."""
     if not frame.floors or not one.reaches(frame):
         return -1
     foot = one.points[[np.argmin(one.points @ frame.up)]]
-    off = [
-        abs(float(patch.source.fit.surface.distance(foot)[0])) if k in frame.floor_numbers else np.inf
-        for k, patch in enumerate(patches)
-    ]
-    return int(np.argmin(off))
+    return min(frame.floors, key=lambda k: abs(float(frame.floors[k].distance(foot)[0])))
 
 
 def _height(patch: Patch, foot: FloatArray, frame: RoomFrame, world_from_reference: Pose) -> float:

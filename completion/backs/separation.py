@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.backs import separation_limits as limits
-from completion.backs.upright import is_front, walls_without_role
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch, in_hull
 from completion.observe.observation import Observation
-from completion.room.planes import Beams
 from completion.room.roles import Room
 from completion.room.walls import Wall
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.inclination import LIMIT_DEG
+from scenes.scan.projection import SphericalProjection
 from scenes.surfaces.catalogue import Cylinder, Plane
 from texture.engine.compiled import compiled
 
@@ -83,94 +82,51 @@ class RoomFrame:
 
     up: FloatArray  # (3,)
     axes: FloatArray  # (2, 3) level directions
-    walls: tuple[Wall, ...]  # those that are no fronts
-    floors: tuple[Plane, ...]
+    walls: tuple[Wall, ...]
+    floors: Mapping[int, Plane]  # by the numbers of their surfaces, from 0
     ceilings: tuple[Plane, ...]
-    floor_numbers: frozenset[int]  # of the floors' surfaces, from 0
     is_room: BoolArray  # (1 + surfaces,) which numbers of pixels' surfaces, from 1, are of the room
     supports: tuple[Support, ...]  # the lowest first
 
     @classmethod
     def of(cls, patches: Sequence[Patch], room: Room, scans: Scans) -> RoomFrame:
         """Look at completed surfaces for what is of the room, and for supports."""
-        up, observations, found = room.up, scans.observations, []
+        up, observations = room.up, scans.observations
         seed = np.eye(3)[int(np.argmin(np.abs(up)))]
         first = np.cross(up, seed) / np.linalg.norm(np.cross(up, seed))
         axes = np.stack([first, np.cross(up, first)])
-        beams = Beams.of(observations, limits.N_BEAMS)
-        number = {patch.limits.index: k for k, patch in enumerate(patches) if patch.limits.index >= 0}
-        walls = tuple(
-            wall
-            for wall in room.walls
-            if wall.number in number
-            and not is_front(
-                wall,
-                patches[number[wall.number]].source.points(observations, limits.N_FRONT_POINTS),
-                beams,
-                room.walls,
-            )
-        )
-        kept = {number[wall.number] for wall in walls}
-        floors, ceilings = list[tuple[int, Plane]](), list[tuple[int, Plane]]()
-        heights = [layout.floor_m for layout in room.layouts], [layout.ceiling_m for layout in room.layouts]
-        low, high = min(heights[0], default=-np.inf), max(heights[1], default=np.inf)
-        is_room = np.zeros(1 + len(patches), dtype=np.bool_)
-        is_room[np.array([*kept, *walls_without_role(patches, scans, up, low, high)], np.int64) + 1] = True
         eye = max(float(seen.scan.origin @ up) for seen in observations)
-        for k, patch in enumerate(patches):
-            plane, role = patch.source.fit.surface, patch.limits.role
-            if isinstance(plane, Cylinder):
-                length = float(patch.limits.own_high[1] - patch.limits.own_low[1])
-                is_level = abs(float(plane.direction @ up)) < np.sin(np.radians(LIMIT_DEG))
-                is_room[k + 1] |= is_level and length > limits.PIPE_DIAMETERS * 2 * plane.radius
-            if not isinstance(plane, Plane):
-                continue
-            facing = float(plane.normal_direction @ up)
-            if role in ("floor", "ceiling"):
-                (floors if role == "floor" else ceilings).append((k, plane))
-                is_room[k + 1] = True
-            elif facing < -limits.FACING_DOWN:
-                level = patch.source.points(observations, limits.N_POINTS) @ up
-                is_room[k + 1] |= len(level) > 0 and np.quantile(level, limits.FOOT) > eye
-            elif patch.limits.is_level and facing > 0 and patch.observed_m2 >= limits.LEAST_SUPPORT_M2:
-                found.append((patch.observed_m2, k, plane))
-        found.sort(key=lambda one: (-one[0], one[1]))
-        if not floors and found and found[0][0] > limits.GROUND_M2:
-            floors.append(found.pop(0)[1:])
-            is_room[floors[0][0] + 1] = True
-        supports = []
-        for _, k, plane in found[: limits.N_SUPPORTS]:
-            points = patches[k].source.points(observations, limits.N_POINTS)
-            if len(points):
-                sd = float(patches[k].stated.standard_deviation(points.mean(axis=0)[None])[0])
-                height = float(points.mean(axis=0) @ up)
-                supports.append(Support(k, plane, sd, height, _outline(patches[k], axes)))
+        roles = [_role(patch, up, eye, observations) for patch in patches]
+        level = [k for k, role in enumerate(roles) if role == "level"]
+        level.sort(key=lambda k: (-patches[k].observed_m2, k))
+        if level and "floor" not in roles and patches[level[0]].observed_m2 > limits.GROUND_M2:
+            roles[level.pop(0)] = "floor"
+        supports = [_support(k, patches[k], observations, axes, up) for k in level[: limits.N_SUPPORTS]]
         return cls(
             up=up,
             axes=axes,
-            walls=walls,
-            floors=tuple(plane for _, plane in floors),
-            floor_numbers=frozenset(k for k, _ in floors),
-            ceilings=tuple(plane for _, plane in ceilings),
-            is_room=is_room,
+            walls=room.walls,
+            floors={k: _plane(patches[k]) for k, role in enumerate(roles) if role == "floor"},
+            ceilings=tuple(_plane(patches[k]) for k, role in enumerate(roles) if role == "ceiling"),
+            is_room=np.array([False, *(role not in ("", "level") for role in roles)]),
             supports=tuple(sorted(supports, key=lambda one: one.height_m)),
         )
 
     def height(self, points: FloatArray) -> FloatArray:
-        """Height (n,) of points (n, 3) above the highest floor below them, metres; inf where none is known."""
+        """Height (n,) of points (n, 3) above the highest floor below them, metres; inf without a floor."""
         if not self.floors:
             return np.full(len(points), np.inf)
-        above = np.stack([plane.distance(points) for plane in self.floors])
+        above = np.stack([plane.distance(points) for plane in self.floors.values()])
         nearest = np.where(above > -limits.GAP_M, above, np.inf).min(axis=0)
-        return np.where(np.isfinite(nearest), nearest, above.max(axis=0))
+        return np.asarray(np.where(np.isfinite(nearest), nearest, above.max(axis=0)))
 
     def is_outside(self, points: FloatArray, origin: FloatArray, slack: FloatArray) -> BoolArray:
         """Tell which points (n, 3) are of floors, ceilings or walls to `slack` (n,), or behind them."""
         outside = np.zeros(len(points), dtype=np.bool_)
-        for plane in self.floors:
+        for plane in self.floors.values():
             outside |= np.abs(plane.distance(points)) < slack
         if self.floors:
-            outside |= np.max([plane.distance(points) for plane in self.floors], axis=0) < 0
+            outside |= np.max([plane.distance(points) for plane in self.floors.values()], axis=0) < 0
         for plane in self.ceilings:
             outside |= plane.distance(points) < slack
         for wall in self.walls:
@@ -192,20 +148,22 @@ class ScanView:
     number: int
     seen: Observation
     points: FloatArray  # working frame; NaN without return
+    plan: FloatArray  # (rows * columns, 2) of these
     owners: NDArray[np.int32]
     sigma: FloatArray
     free: BoolArray  # measured, and of no room
 
     @classmethod
     def of(cls, number: int, seen: Observation, owners: NDArray[np.int32], frame: RoomFrame) -> ScanView:
-        """Read a scan, and leave out what is of the room."""
+        """Read a scan, by the surfaces `owners` (rows, columns) of its pixels, less what is of the room."""
         points, own = seen.scan.points().reshape(-1, 3), owners.ravel()
         sigma = seen.noise.deviation(seen.scan.ranges.ravel())
         free = seen.valid.ravel() & ~frame.is_room[own]
         at = np.flatnonzero(free)
         slack = np.hypot(limits.OFF_ROOM_M, limits.N_SIGMA * sigma[at])
         free[at] = ~frame.is_outside(points[at], seen.scan.origin, slack)
-        return cls(number, seen, points, own, sigma, free)
+        plan = points @ frame.axes.T
+        return cls(number=number, seen=seen, points=points, plan=plan, owners=own, sigma=sigma, free=free)
 
     @property
     def spacing(self) -> FloatArray:
@@ -218,31 +176,32 @@ class ScanView:
         slack = limits.STEEP * np.where(kept, self.spacing, 0.0)
         slack += limits.N_SIGMA * np.sqrt(2.0) * self.sigma
         out = np.full(rows * columns, -1, dtype=np.int64)
-        _link(self.points, kept, self.owners, slack, rows, columns, _wraps(self.seen), limits.ACROSS_PX, out)
+        _link(self.points, kept, self.owners, slack, rows, columns, wraps(self.seen), limits.ACROSS_PX, out)
         return out
 
     def parts(self, frame: RoomFrame) -> Iterator[Part]:
         """Yield its parts: what stands on each support, then the rest."""
         standing = np.full(len(self.free), -1, dtype=np.int64)
         for k, support in enumerate(frame.supports):
-            for pixels in self._on(support, frame):
+            for pixels in self._on(support):
                 standing[pixels] = k
         for k in range(-1, len(frame.supports)):
             part = self.linked(self.free & (standing == k))
             number = -1 if k < 0 else frame.supports[k].number
             yield from (self._part(pixels, number) for pixels in groups(part, limits.LEAST_PIXELS // 4))
 
-    def _on(self, support: Support, frame: RoomFrame) -> Iterator[IntArray]:
+    def _on(self, support: Support) -> Iterator[IntArray]:
         """Yield flat pixels of each group that stands on a support, and not beside it or under it."""
         height = support.plane.distance(self.points)
         slack = limits.N_SIGMA * np.hypot(self.sigma, support.sd_m) + limits.OFF_ROOM_M / 4
-        level = self.free & (np.abs(height) < slack)
-        at = np.flatnonzero(level)
-        level[at] = shapely.contains_xy(support.outline, *(self.points[at] @ frame.axes.T).T)
-        level |= self.owners == support.number + 1
-        rest = self.free & ~level
-        if not (rest & (height > 0)).any():
+        west, south, east, north = support.outline.bounds
+        over = (self.plan > [west, south]).all(axis=1) & (self.plan < [east, north]).all(axis=1) & self.free
+        if np.count_nonzero(over & (height > slack)) < limits.LEAST_PIXELS // 4:
             return
+        at = np.flatnonzero(over & (np.abs(height) < slack))
+        level = self.owners == support.number + 1
+        level[at] |= shapely.contains_xy(support.outline, *self.plan[at].T)
+        rest = self.free & ~level
         for pixels in groups(self.linked(rest), limits.LEAST_PIXELS // 4):
             above = height[pixels]
             bottom, top = np.quantile(above, (0.02, 0.98))
@@ -250,14 +209,57 @@ class ScanView:
             if (above < -slack[pixels]).mean() > limits.BELOW or bottom > gap + np.median(slack[pixels]):
                 continue
             foot = pixels[above < bottom + max(limits.FOOT * (top - bottom), gap)]
-            if support.carries(self.points[foot] @ frame.axes.T, self.points[pixels] @ frame.axes.T):
+            if support.carries(self.plan[foot], self.plan[pixels]):
                 yield pixels
 
     def _part(self, pixels: IntArray, support: int) -> Part:
         """Some pixels as a part."""
-        points = self.points[pixels[:: max(1, len(pixels) // limits.N_POINTS)]]
         spacing, sigma = (float(np.median(values[pixels])) for values in (self.spacing, self.sigma))
-        return Part(self.number, pixels, support, points, spacing, sigma)
+        return Part(
+            scan=self.number,
+            pixels=pixels,
+            support=support,
+            points=self.points[pixels[:: max(1, len(pixels) // limits.N_POINTS)]],
+            spacing_m=spacing,
+            sigma_m=sigma,
+        )
+
+
+def _plane(patch: Patch) -> Plane:
+    """The plane of a patch that is known to have one."""
+    plane = patch.source.fit.surface
+    assert isinstance(plane, Plane)
+    return plane
+
+
+def _role(patch: Patch, up: FloatArray, eye: float, observations: Sequence[Observation]) -> str:
+    """What a surface is: of the room, "level" where things may stand on it, or "".
+
+    A plane that faces down above the scanners is of a ceiling that may slope, a long level cylinder a pipe.
+    """
+    shape = patch.source.fit.surface
+    if patch.limits.role or not patch.source.n_pixels:
+        return patch.limits.role
+    if isinstance(shape, Cylinder):
+        length = float(patch.limits.own_high[1] - patch.limits.own_low[1])
+        is_level = abs(float(shape.direction @ up)) < np.sin(np.radians(LIMIT_DEG))
+        return "pipe" if is_level and length > limits.PIPE_DIAMETERS * 2 * shape.radius else ""
+    if not isinstance(shape, Plane):
+        return ""
+    facing = float(shape.normal_direction @ up)
+    if facing < -limits.FACING_DOWN:
+        height = patch.source.points(observations, limits.N_POINTS) @ up
+        return "above" if np.quantile(height, limits.FOOT) > eye else ""
+    return "level" if patch.limits.is_level and patch.observed_m2 >= limits.LEAST_SUPPORT_M2 else ""
+
+
+def _support(
+    number: int, patch: Patch, observations: Sequence[Observation], axes: FloatArray, up: FloatArray
+) -> Support:
+    """A level surface as a support."""
+    middle = patch.source.points(observations, limits.N_POINTS).mean(axis=0)
+    sd = float(patch.stated.standard_deviation(middle[None])[0])
+    return Support(number, _plane(patch), sd, float(middle @ up), _outline(patch, axes))
 
 
 def _outline(patch: Patch, axes: FloatArray) -> shapely.Geometry:
@@ -281,11 +283,13 @@ def groups(part: IntArray, least: int) -> Iterator[IntArray]:
             yield one
 
 
-def _wraps(seen: Observation) -> bool:
-    """Whether the first column of a scan is next to its last."""
+def wraps(seen: Observation) -> bool:
+    """Tell whether the first column of a scan is next to its last."""
     projection = seen.scan.projection
-    turn = seen.scan.shape[1] * projection.pixel_angle
-    return projection.kind == "spherical" and abs(turn - 2 * np.pi) < 2 * projection.pixel_angle
+    if not isinstance(projection, SphericalProjection) or len(projection.azimuths) < 2:
+        return False
+    step = abs(float(projection.azimuths[1] - projection.azimuths[0]))
+    return abs(abs(float(projection.azimuths[-1] - projection.azimuths[0])) + step - 2 * np.pi) < step
 
 
 @compiled

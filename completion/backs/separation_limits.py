@@ -6,7 +6,7 @@ from __future__ import annotations
 # Linking of pixels
 
 STEEP = 6.0
-"""Spacings of pixels up to which neighbours are of one thing: a surface seen at 80 degrees from its normal."""
+"""Spacings of pixels up to which neighbours are linked: a surface seen at 80 degrees."""
 N_SIGMA = 3.0
 """Standard deviations up to which a deviation is noise."""
 ACROSS_PX = 3
@@ -36,12 +36,7 @@ SHAFT_SHARE, RISING_M, JOINED = 0.8, 0.4, 0.25
 """Share of its pixels that are then of one surface; metres that it rises, and share of its sides at which it
 goes on into the room, from which it is the end of a wall."""
 SLENDER = 2.5
-"""Times its width that something whose top is out of sight rises, from which it may be a post or a curtain."""
-WIDE_M = 1.2
-"""Metres of an upright surface whose top is out of sight, from which it is a wall."""
-DEEP_M, COLUMN_M, MOSTLY = 0.9, 0.1, 0.5
-"""Metres behind the front of a cupboard at which the wall stands at most; metres of the columns in which is
-looked whether beams pass above a front; share of them from which it is one."""
+"""Times its width that something whose top is out of sight rises, from which it may be a post."""
 PIPE_DIAMETERS = 8.0
 """Diameters from which a level cylinder is a pipe."""
 BUILT_IN_M = 0.1
@@ -52,13 +47,13 @@ BUILT_IN_M = 0.1
 LEAST_SUPPORT_M2 = 0.01
 """Square metres of a level surface on which something stands at least."""
 PASSED = 0.2
-"""Share of the hull of a level surface that beams passed, from which its pieces are supports each by itself."""
+"""Share of the hull of a level surface that beams passed, from which its pieces are supports."""
 INSIDE = 0.6
 """Share of the foot of a thing that lies inside the support on which it stands."""
 GROUND_M2 = 1.0
 """Square metres of a level surface from which the largest is the ground where no floor is known."""
 ALONG = 0.75
-"""Share of the length of a support along the foot of what is on it from which that is a back, an arm, a side."""
+"""Share of the length of a support along the foot of what is on it from which that is a back or an arm."""
 FACING_DOWN = 0.2
 """Cosine with down from which a plane above all scanners is of a ceiling, which may slope."""
 BELOW = 0.05
@@ -80,23 +75,21 @@ GLIMPSE_CUT, GLIMPSE_SHARE = 0.5, 0.01
 """Share of its outline that is cut from which a thing is not told, unless it fills this share of a scan."""
 LEAST_SPACINGS = 6.0
 """Spacings of pixels along the second longest side of a thing's box at least."""
-N_BEAMS, N_FRONT_POINTS = 60_000, 8000
-"""Beams of all scans, and points of each wall, by which fronts are told from walls."""
+UNEXPLAINED, RADIAL = 0.5, 2.0
+"""Share of pixels of no surface, and depth as a multiple of the width, from which beams met two surfaces."""
 STANDS_M = 0.12
-"""Metres above a support from which what was measured of a thing does not reach it, where that is in sight."""
+"""Metres above a floor from which what was measured of a thing does not reach it."""
 N_POINTS = 1500
 """Points of a part of a thing that are kept to compare scans."""
 OVERLAP = 0.05
 """Share of the cells of the smaller of two parts, in two scans, that the other has too if they are one."""
 CELL_M = 0.03
 """Metres: cells of space in which parts from several scans are compared, unless pixels are farther apart."""
-NEAR_CELLS = 2.0
-"""Cells within which two things touch."""
 SIDE_PX = 6
 """Pixels beside an outline in which is looked what is there: pixels between that meet both are left out."""
 CUT_SHARE, CUT_PIXELS = 0.02, 4
 """Share of the outline of a thing, and pixels, from which it counts as cut by the border or an occluder."""
 LEAN_M = 0.01
-"""Metres beyond what is of the wall itself, and beyond noise and sampling, up to which a thing leans at it."""
+"""Metres beyond what is of the wall, noise and sampling, up to which a thing leans at it."""
 BEHIND_M = 1.5
 """Metres behind a thing up to which a wall is part of what bounds it."""

@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from completion.backs import separation_limits as limits
+from completion.backs.separation import wraps
+from completion.evidence.evidence import Scans
 from completion.observe.observation import Observation
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray
 from texture.engine.compiled import compiled
 
 BORDER, OCCLUDER, FREE, UNKNOWN, ROOM = 2, 1, 3, 4, 5
@@ -18,50 +21,71 @@ RANK = (0, 4, 5, 3, 2, 1)  # of the ends on the four sides of a pixel: the one w
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outline:
-    """The outlines of n things in one scan.
+class ScanOutline:
+    """The pixels on the outlines of things in one scan, and how the things end there.
 
     Attributes
     ----------
-    ends : (rows * columns,) uint8
-        Of each pixel on the outline of a thing, whether it is cut by the border (2) or by an occluder (1), or
-        ends before something farther (3) or where nothing came back (4), or goes
-        on into what is no thing (5); 0 of others.
-    above, below : (rows * columns,) uint8
-        The same of pixels on the outline, by what is next to them upwards and downwards only.
+    pixels : (m,) int64
+        Flat pixels, ascending.
+    ends : (3, m) uint8
+        How they end on any side, upwards, and downwards: at the border (2), behind an occluder (1), before
+        something farther (3), where nothing came back (4), in what is no thing (5), or not at all (0).
+    """
+
+    pixels: IntArray
+    ends: NDArray[np.uint8]
+
+    def at(self, pixels: IntArray) -> IntArray:
+        """Which of the outline are among flat pixels (n,), ascending."""
+        return np.flatnonzero(np.isin(self.pixels, pixels, assume_unique=True))
+
+    def cut(self, pixels: IntArray) -> tuple[bool, bool]:
+        """Tell whether a thing with flat pixels (n,) is cut by the border, and by an occluder."""
+        ends = self.ends[0, self.at(pixels)]
+        least = max(limits.CUT_PIXELS, limits.CUT_SHARE * np.count_nonzero(ends))
+        border, occluder = (bool(np.count_nonzero(ends == end) >= least) for end in (BORDER, OCCLUDER))
+        return border, occluder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlines:
+    """The outlines of n things in all scans.
+
+    Attributes
+    ----------
+    each : tuple of ScanOutline
+        In each scan.
     occluded : (n + 1, n + 1) int64
         How many pixels of each thing, from 1, end behind which other; 0 for what is no thing.
     touching : (n + 1, n + 1) int64
         How many end at the same depth as the next one beside.
     """
 
-    ends: NDArray[np.uint8]
-    above: NDArray[np.uint8]
-    below: NDArray[np.uint8]
+    each: tuple[ScanOutline, ...]
     occluded: IntArray
     touching: IntArray
 
     @classmethod
-    def of(cls, seen: Observation, label: NDArray[np.int32], n_things: int, up: FloatArray) -> Outline:
-        """Look at the outlines of things, by the number of each pixel's (rows, columns), from 1; `up` (3,)."""
-        ranges, angle = seen.scan.ranges, seen.scan.projection.pixel_angle
-        slack = limits.STEEP * angle * np.where(seen.valid, ranges, 0.0)
-        slack += limits.N_SIGMA * np.sqrt(2.0) * seen.noise.deviation(ranges.ravel()).reshape(ranges.shape)
-        rows, columns = (np.flatnonzero(seen.valid.any(axis=axis)) for axis in (1, 0))
-        bounds = np.array([rows.min(), rows.max(), columns.min(), columns.max()] if len(rows) else [0, 0, 0, 0])
-        ends = np.zeros((3, *label.shape), dtype=np.uint8)
-        occluded, touching = (np.zeros((n_things + 1, n_things + 1), np.int64) for _ in range(2))
-        _look(ranges, label, slack, bounds, limits.SIDE_PX, _way_up(seen, up), ends, occluded, touching)
-        return cls(*ends.reshape(3, -1), occluded, touching)
-
-    def cut(self, pixels: IntArray) -> tuple[bool, bool]:
-        """Tell whether a thing with flat pixels (n,) is cut by the border, and by an occluder."""
-        ends = self.ends[pixels]
-        least = max(limits.CUT_PIXELS, limits.CUT_SHARE * np.count_nonzero(ends))
-        return (
-            bool(np.count_nonzero(ends == BORDER) >= least),
-            bool(np.count_nonzero(ends == OCCLUDER) >= least),
-        )
+    def of(cls, things: Sequence[Sequence[IntArray]], scans: Scans, up: FloatArray) -> Outlines:
+        """Look at things by the flat pixels of each in each scan; `up` (3,) in the working frame."""
+        occluded, touching = (np.zeros((len(things) + 1,) * 2, np.int64) for _ in range(2))
+        each = []
+        for number, seen in enumerate(scans.observations):
+            label = np.zeros(seen.scan.shape, np.int32)
+            for k, pixels in enumerate(things, start=1):
+                label.ravel()[pixels[number]] = k
+            ranges = seen.scan.ranges
+            slack = limits.STEEP * seen.scan.projection.pixel_angle * np.where(seen.valid, ranges, 0.0)
+            slack += limits.N_SIGMA * np.sqrt(2) * seen.noise.deviation(ranges.ravel()).reshape(ranges.shape)
+            rows, columns = (np.append(np.flatnonzero(seen.valid.any(axis=k)), 0) for k in (1, 0))
+            bounds = np.array([rows.min(), rows.max(), columns.min(), columns.max()])
+            ends = np.zeros((3, *label.shape), dtype=np.uint8)
+            ways = np.array([limits.SIDE_PX, _way_up(seen, up), wraps(seen)])
+            _look(ranges, label, slack, bounds, ways, ends, occluded, touching)
+            border = np.flatnonzero(ends.any(axis=0))
+            each.append(ScanOutline(border, ends.reshape(3, -1)[:, border]))
+        return cls(tuple(each), occluded, touching)
 
 
 def _way_up(seen: Observation, up: FloatArray) -> int:
@@ -78,13 +102,16 @@ def _look(
     label: NDArray[np.int32],
     slack: FloatArray,
     bounds: NDArray[np.int64],
-    across: int,
-    above: int,
+    ways: NDArray[np.int64],
     ends: NDArray[np.uint8],
     occluded: NDArray[np.int64],
     touching: NDArray[np.int64],
 ) -> None:
-    """Tell of each labelled pixel by its four sides how the thing ends there."""
+    """Tell of each labelled pixel by its four sides how the thing ends there.
+
+    `ways`: pixels up to which is looked, which side is above, whether columns wrap around.
+    """
+    across, above, columns = ways[0], ways[1], label.shape[1]
     for row in range(label.shape[0]):
         for column in range(label.shape[1]):
             own = label[row, column]
@@ -97,7 +124,12 @@ def _look(
                 here = 4
                 for step in range(1, across + 1):
                     r, c = row + step * step_row, column + step * step_column
-                    if r < bounds[0] or r > bounds[1] or c < bounds[2] or c > bounds[3]:
+                    if ways[2]:
+                        c = c % columns
+                    elif c < bounds[2] or c > bounds[3]:
+                        here = 2
+                        break
+                    if r < bounds[0] or r > bounds[1]:
                         here = 2
                         break
                     if not np.isfinite(ranges[r, c]):
@@ -116,6 +148,10 @@ def _look(
                     else:
                         here = 3
                     break
+                if here == 4:  # nothing came back from there on, up to the border
+                    r, c = row + 4 * across * step_row, column + 4 * across * step_column
+                    is_aside = ways[2] == 0 and (c < bounds[2] or c > bounds[3])
+                    here = 2 if is_aside or r < bounds[0] or r > bounds[1] else 4
                 if way == above:
                     ends[1, row, column] = here
                 if way == above ^ 1:

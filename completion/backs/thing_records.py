@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Thing records: what things.json holds of each thing, and what bounds one: its support, the walls behind it."""
+"""Thing records: what things.json holds of each thing, and what bounds one: support and walls."""
 
 from __future__ import annotations
 
@@ -48,14 +48,16 @@ class WallBehind:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What bounds a thing: the height of its support along up, metres, its deviation, and walls, nearest first."""
+    """What bounds a thing: height and deviation of its support along up, metres; walls, nearest first."""
 
     support_m: float | None
     support_sd_m: float | None
     walls: tuple[WallBehind, ...]
 
 
-def surroundings(thing: Thing, patches: Sequence[Patch], room: Room, world_from_reference: Pose) -> Surroundings:
+def surroundings(
+    thing: Thing, patches: Sequence[Patch], room: Room, world_from_reference: Pose
+) -> Surroundings:
     """Return what bounds a thing: the surface below it, and the walls within `limits.BEHIND_M` beside it.
 
     Parameters

@@ -11,17 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from completion.backs.candidate import Candidate, join_hanging, relate
 from completion.backs.joining import join_parts
 from completion.backs.separation import Part, RoomFrame, ScanView
-from completion.backs.standing import Outline
+from completion.backs.standing import Outlines
 from completion.backs.thing import Thing
 from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
 from completion.room.roles import Room
-from scenes.checks import FloatArray
 from scenes.inclination import Up
 from scenes.pose import Pose
 from scenes.run.mapping import trim
@@ -62,24 +59,15 @@ def find_things(
     # 2. Join: parts behind an occluder, or seen in several scans, are one thing; so is what hangs above or in
     #    another, where nothing else can stand.
     candidates = [Candidate.of(joined, scans) for joined in join_parts(parts, patches, scans, frame.is_room)]
-    candidates = join_hanging(candidates, frame, _outlines(candidates, scans, frame.up))
+    candidates = join_hanging(
+        candidates, frame, Outlines.of([one.pixels for one in candidates], scans, frame.up)
+    )
     candidates.sort(key=lambda one: -one.n_pixels)
 
     # 3. Choose: what was seen to hang, to be fixed to a wall or to go up to the ceiling is of the building.
-    outlines = _outlines(candidates, scans, frame.up)
+    outlines = Outlines.of([one.pixels for one in candidates], scans, frame.up)
     kept = [one for one in candidates if one.is_resolved(frame, outlines) and one.stands(frame, outlines)]
-    outlines = _outlines(kept, scans, frame.up)
+    outlines = Outlines.of([one.pixels for one in kept], scans, frame.up)
 
     # 4. Relate: what things stand on, touch, hide.
     return tuple(relate(kept, frame, outlines, patches, world_from_reference))
-
-
-def _outlines(candidates: Sequence[Candidate], scans: Scans, up: FloatArray) -> list[Outline]:
-    """The outlines of all candidates in each scan."""
-    outlines = []
-    for number, seen in enumerate(scans.observations):
-        label = np.zeros(seen.scan.shape, np.int32)
-        for k, one in enumerate(candidates, start=1):
-            label.ravel()[one.pixels[number]] = k
-        outlines.append(Outline.of(seen, label, len(candidates), up))
-    return outlines

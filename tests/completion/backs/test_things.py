@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Things that stand in a room: apart from it, from each other and from what they stand on, with true values."""
+"""Things that stand in a room: apart from it, from each other, and from what they stand on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from completion.backs.things import find_things, why_none
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from scenes.checks import FloatArray
 from scenes.inclination import Up
 from scenes.pose import Pose
@@ -36,14 +36,16 @@ Build = Callable[[SceneBuilder], None]
 class Seen:
     """Scans of a room of 4 x 4 x 2.5 m with what `build` puts there, and the things that are found."""
 
-    def __init__(self, build: Build, views: Sequence[Pose] = (), *, shell: bool = True) -> None:
+    def __init__(
+        self, build: Build, views: Sequence[Pose] = (), *, shell: bool = True, sensor: Sensor = CAMERA
+    ) -> None:
         builder = SceneBuilder("room", "room")
         if shell:
             builder.add_box("shell", (0, 0, 0), (4, 4, 2.5), GREY, inward=True)
         build(builder)
         scene = builder.finish()
         self.scans: tuple[RangeImage, ...] = tuple(
-            scan_scene(scene, pose, CAMERA, effects=Effects(noise=ConstantNoise(constant_m=SIGMA_M)), rng=k)
+            scan_scene(scene, pose, sensor, effects=Effects(noise=ConstantNoise(constant_m=SIGMA_M)), rng=k)
             for k, pose in enumerate(views or [Pose.looking_at(EYE, AIM)])
         )
         self.names = [name.split()[0] for name in scene.surface_names]
@@ -107,7 +109,7 @@ def test_three_boxes_on_a_floor_are_three_things() -> None:
         assert thing.support_m == pytest.approx(0.0, abs=0.01)
         assert thing.box.axes[2] @ [0, 0, 1] > 0.999
         assert thing.box.high[2] == pytest.approx(high[2], abs=0.02)
-        assert not (thing.leans_at or thing.touches or thing.occluded_by or thing.hides)
+        assert thing.leans_at == thing.touches == thing.occluded_by == thing.hides == ()
         assert [(cut.scan, cut.border, cut.occluder) for cut in thing.cuts] == [(0, False, False)]
         middle = (np.array(low) + high)[:2] / 2
         places = (thing.box.low + thing.box.high)[:2] / 2 @ thing.box.axes[:2, :2]
@@ -120,7 +122,9 @@ def test_measured_area_and_surfaces_are_those_of_the_box() -> None:
     thing = seen.thing("middle")
     true = seen.truth("middle")
     angle = CAMERA.projection.pixel_angle
-    assert thing.measured_m2 == pytest.approx(float((seen.scans[0].ranges[true] * angle) ** 2 @ np.ones(true.sum())), rel=0.1)
+    assert thing.measured_m2 == pytest.approx(
+        float((seen.scans[0].ranges[true] * angle) ** 2 @ np.ones(true.sum())), rel=0.1
+    )
     assert thing.surfaces
     owners = seen.completion.owners[0]
     for number in thing.surfaces:
@@ -193,7 +197,10 @@ def test_a_thing_before_another_hides_it() -> None:
 
 
 def test_two_scans_from_both_sides_show_one_box() -> None:
-    views = [Pose.looking_at((2.0, 0.5, 1.4), (2.0, 2.2, 0.4)), Pose.looking_at((3.6, 3.2, 1.4), (2.0, 2.2, 0.4))]
+    views = [
+        Pose.looking_at((2.0, 0.5, 1.4), (2.0, 2.2, 0.4)),
+        Pose.looking_at((3.6, 3.2, 1.4), (2.0, 2.2, 0.4)),
+    ]
     seen = Seen(lambda build: build.add_box("box", (1.8, 2.0, 0), (2.3, 2.4, 0.5), GREY), views)
     (box,) = seen.things
     assert seen.thing("box", 0) is seen.thing("box", 1) is box
@@ -224,8 +231,29 @@ def test_without_a_floor_things_stand_on_what_is_known() -> None:
     assert all(not patch.limits.role for patch in [seen.completion.patches[box.stands_on]])
 
 
+def test_the_seam_of_a_panorama_cuts_nothing() -> None:
+    around = SphericalSensor(
+        elevation_min_deg=-60, elevation_max_deg=60, width=480, height=160, name="around"
+    )
+    pose = Pose.looking_at((2.0, 0.8, 1.4), (2.0, 0.0, 1.4))  # the seam is opposite
+    seen = Seen(
+        lambda build: build.add_box("box", (1.7, 2.3, 0), (2.3, 2.7, 0.6), GREY), [pose], sensor=around
+    )
+    (box,) = seen.things
+    assert seen.thing("box") is box
+    columns = np.nonzero(box.mask(0, seen.scans[0].shape).any(axis=0))[0]
+    assert {0, 479} <= set(columns.tolist())
+    assert [(cut.border, cut.occluder) for cut in box.cuts] == [(False, False)]
+
+
+def test_a_scan_without_returns_has_no_things() -> None:
+    scan = boxes().scans[0]
+    empty = replace(scan, ranges=np.full(scan.shape, np.inf))
+    assert find(complete([empty], CompletionOptions(texture=False), rng=0)) == ()
+
+
 def test_an_empty_room_has_no_things() -> None:
-    assert Seen(lambda build: None).things == ()
+    assert Seen(lambda _: None).things == ()
 
 
 def test_what_is_seen_through_a_door_is_no_thing_of_the_room() -> None:
