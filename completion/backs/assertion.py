@@ -43,7 +43,7 @@ class Asserted:
 def assert_surface(
     sights: Sequence[Sight], elements: Sequence[Element], setting: Setting, scale: Scale, *, least: float
 ) -> Asserted:
-    """Return measured surface moved by symmetries of at least a probability, where it was not measured itself.
+    """Return measured surface moved by symmetries of at least a probability, where nothing was measured.
 
     Left out: what a beam passed, what lies below the support or behind a wall, what was measured there, and
     what the symmetry's own standard deviation makes uncertain by more than `MOST_SD` of the size.

@@ -92,7 +92,11 @@ def find_back(
     sample = draw_sample(sights, scale, rng)
     mirrors = weigh(find_mirrors(sights, sample, setting, scale))
     axes = weigh(find_axes(sights, sample, setting, scale, rng=rng))
-    turns = [] if any(one.probability >= OFFERED for one in axes) else weigh(find_turns(axes, mirrors, sights, sample, scale))
+    turns = (
+        []
+        if any(one.probability >= OFFERED for one in axes)
+        else weigh(find_turns(axes, mirrors, sights, sample, scale))
+    )
     found = [*mirrors, *axes, *turns]
     hypotheses = sorted(found, key=lambda one: -one.probability)
     sure = choose(hypotheses, options.least)
