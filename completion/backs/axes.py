@@ -97,7 +97,7 @@ def find_turns(
             if evidence["score"] > _LEAST_SCORE and (
                 best is None or evidence["score"] > best.evidence["score"]
             ):
-                best = Symmetry("turn", place, scale.middle, covariance, evidence, n)
+                best = Symmetry("turn", place, scale.middle, covariance, evidence, n_fold=n)
     return [] if best is None else [best]
 
 

@@ -107,4 +107,7 @@ def find_back(
     shape = close(sights, shaping, offered.points, setting, scale=scale)
     volume = volume_interval(shape, chosen, views, sights, setting)
     depth = depth_interval(sights, asserted.points, setting, scale)
-    return Back(tuple(hypotheses), tuple(sure), asserted, tuple(chosen), shape, volume, depth, scale.size)
+    return Back(
+        hypotheses=tuple(hypotheses), sure=tuple(sure), asserted=asserted, chosen=tuple(chosen), shape=shape,
+        volume=volume, depth=depth, size_m=scale.size,
+    )  # fmt: skip

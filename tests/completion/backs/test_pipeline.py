@@ -175,7 +175,7 @@ def test_a_panoramic_scanner_sees_the_same_box() -> None:
     )
     scene = Scene(mesh, (None,) * 2, ("thing", "floor"), "x", "object")
     sensor = SphericalSensor(
-        azimuth_span_deg=360, elevation_min_deg=-80, elevation_max_deg=40, width=900, height=300
+        azimuth_span_deg=360, elevation_min_deg=-80, elevation_max_deg=40, width=1800, height=600
     )
     pose = Pose.looking_at((1.6, 1.1, 1.2), (0, 0, 1.2))
     scan = scan_scene(scene, pose, sensor)
