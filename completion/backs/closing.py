@@ -228,16 +228,8 @@ def _origins(
         at = move(isometry, places)
         for sight in sights:
             _mark(
-                sight.eye,
-                sight.angles,
-                sight.thing,
-                sight.points,
-                sight.normals,
-                at,
-                cell,
-                kind,
-                origin,
-            )
+                sight.eye, sight.angles, sight.thing, sight.points, sight.normals, at, cell, kind, origin
+            )  # fmt: skip
     origin[(places[:, 2] - setting.support_m < cell) & (origin >= HULL)] = SUPPORT
     return origin
 

@@ -242,3 +242,26 @@ def test_wrong_input_is_refused(of_box) -> None:
         BackOptions(least=0.3)
     with pytest.raises(InputError, match="size_m must be"):
         BackOptions(size_m=(2.0, 1.0))
+
+
+def test_the_image_s_border_is_no_end(of_box) -> None:
+    view, _ = of_box
+    columns = np.flatnonzero(view.of_thing.any(axis=0))
+    first = int(columns[0] + 0.3 * len(columns))
+    camera = view.scan.projection
+    part = replace(
+        view.scan,
+        ranges=view.scan.ranges[:, first:],
+        projection=replace(camera, width=camera.width - first, cx=camera.cx - first),
+        colour=None,
+    )
+    cut = ThingView(part, view.of_thing[:, first:])
+    assert cut.is_cut_by_image
+    assert not view.is_cut_by_image
+    sight = prepare_sight(cut, scale_of([cut], setting_of(view)))
+    assert sight.cut.any()
+    assert not prepare_sight(view, scale_of([view], setting_of(view))).cut.any()
+    back = find_back([cut], setting_of(view))
+    for one in back.sure:
+        assert abs(one.offset_m) < 0.01 * BOX_SIZE
+    assert back.volume.certain_most is None
