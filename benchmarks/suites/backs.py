@@ -108,7 +108,7 @@ def score(kind: str, seed: int, n_views: int, wall: bool, peers: bool) -> Scored
         within=[float((away <= limit).mean()) if n else float("nan") for limit in (0.01, 0.02)],
         in_free=_in_free(case, back.asserted.points), recall=_recall(case, thing, back), iou=iou,
         volumes=[volume, back.volume.closed, back.volume.least, back.volume.most],
-        closed_by=closed_by(back.chosen), is_symmetric=any(one.is_true for one in tested),
+        closed_by=closed_by(back.chosen), is_symmetric=thing.has_mirror(),
         depth=[case.depth_m, back.depth.least, most], cpu_s=cpu_s,
     )  # fmt: skip
 
@@ -256,7 +256,9 @@ def _table(single: Sequence[Scored]) -> Iterator[str]:
     bad = sum(not two.is_true for _, two in accepted)
     yield row("all", len(accepted), bad, f"{100 * bad / max(len(accepted), 1):.1f} %")
     taken = sum(any(two.accepted for two in one.hypotheses) for one in bare)
-    yield row("views without a true symmetry", len(bare), taken, f"{100 * taken / max(len(bare), 1):.1f} %")
+    yield row(
+        "things without a mirror, even to 3 %", len(bare), taken, f"{100 * taken / max(len(bare), 1):.1f} %"
+    )
     yield row(
         "asserted points in free space",
         sum(one.n_asserted for one in single),
@@ -291,12 +293,28 @@ def backs_fit(seeds: int = 5, kinds: int = 0) -> Iterator[str]:
         yield f"  ({', '.join(f'{value:.2f}' for value in weights)})"
         yield f"  at 0.8: {(likely >= 0.8).sum()}, wrong {(~true[likely >= 0.8]).sum()}"
     for name in VOLUMES:
-        ratio = [
-            one.volumes[0] / one.volumes[1] for one in found if one.closed_by == name and one.volumes[1] > 0
-        ]
-        if ratio:
-            low, high = np.quantile(ratio, [0.1, 0.9])
+        closed = [one for one in found if one.closed_by == name and one.volumes[1] > 0]
+        if closed:
+            ratio = np.array([one.volumes[0] / one.volumes[1] for one in closed])
+            low, high = quantiles_across(ratio, [one.kind for one in closed])
             yield f"volume, {name}: {len(ratio)}, {low:.3f} to {high:.3f}"
+
+
+def quantiles_across(ratio: FloatArray, kinds: Sequence[str], share: float = 0.8) -> tuple[float, float]:
+    """Return the narrowest of symmetric quantiles that hold a share of the kinds they were not taken from."""
+    fold = np.unique(np.array(kinds), return_inverse=True)[1] % 8
+    tail = 0.1
+    for tail in np.arange(0.1, 0.0, -0.005):
+        held = 0
+        for k in range(8):
+            other, own = ratio[fold != k], ratio[fold == k]
+            if len(other):
+                low, high = np.quantile(other, [tail, 1 - tail])
+                held += int(((own >= low) & (own <= high)).sum())
+        if held >= share * len(ratio):
+            break
+    low, high = np.quantile(ratio, [tail, 1 - tail])
+    return float(low), float(high)
 
 
 def fit_logistic(terms: FloatArray, true: BoolArray, ridge: float) -> FloatArray:
