@@ -43,7 +43,7 @@ class Asserted:
 def assert_surface(
     sights: Sequence[Sight], elements: Sequence[Element], setting: Setting, scale: Scale, *, least: float
 ) -> Asserted:
-    """Return measured surface moved by symmetries of at least a probability, where it was not measured itself.
+    """Return measured surface moved by symmetries of at least a probability, where nothing was measured.
 
     Left out: what a beam passed, what lies below the support or behind a wall, what was measured there, and
     what the symmetry's own standard deviation makes uncertain by more than `MOST_SD` of the size.
@@ -80,7 +80,9 @@ def assert_surface(
 def _turn_freely(
     sights: Sequence[Sight], turns: FloatArray, points: FloatArray, normals: FloatArray, scale: Scale
 ) -> BoolArray:
-    """Tell which points (n, 3) were measured at other turns (k, 3, 4) too, and hardly refuted at any."""
+    """Tell which points (n, 3) were measured at some of many turns (k, 3, 4), and refuted at few."""
     seen = see(sights, turns, points, normals, scale.tolerance)
     matched, free = (seen.matched > 0.5).sum(axis=0), (seen.free > 0.5).sum(axis=0)
-    return np.asarray((matched >= min(SUPPORTED, len(turns))) & (free <= PASSED_SHARE * (matched + free)))
+    return np.asarray(
+        (matched >= min(SUPPORTED, len(turns) // 8)) & (free <= PASSED_SHARE * (matched + free))
+    )

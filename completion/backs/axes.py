@@ -94,8 +94,10 @@ def find_turns(
         for n in TURNS:
             angles = 2 * np.pi * np.arange(1, n) / n
             evidence = dict(own) | _evidence(place, angles, sights, sample, scale)
-            if evidence["score"] > _LEAST_SCORE and (best is None or evidence["score"] > best.evidence["score"]):
-                best = Symmetry("turn", place, scale.middle, covariance, evidence, n)
+            if evidence["score"] > _LEAST_SCORE and (
+                best is None or evidence["score"] > best.evidence["score"]
+            ):
+                best = Symmetry("turn", place, scale.middle, covariance, evidence, n_fold=n)
     return [] if best is None else [best]
 
 
@@ -104,7 +106,9 @@ def _evidence(
 ) -> dict[str, float]:
     """Shares of points turned by angles (k,), of those that are off the axis."""
     isometries = turns(place, scale.middle, angles)
-    off: BoolArray = np.linalg.norm(sample.points[:, :2] - scale.middle[:2] - place, axis=1) >= OFF_PLANE * scale.size
+    off: BoolArray = (
+        np.linalg.norm(sample.points[:, :2] - scale.middle[:2] - place, axis=1) >= OFF_PLANE * scale.size
+    )
     if not off.any():
         return {"matched": 0.0, "contradicted": 1.0, "hidden": 0.0, "limb": 0.0, "score": -FREE_WEIGHT}
     seen = see(sights, isometries, sample.points[off], sample.normals[off], scale.tolerance)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Closing: the closed shape of a thing, carved by measured and by virtual beams, each face with its reason."""
+"""Closing: the closed shape of a thing, carved by measured and virtual beams, each face with its reason."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from completion.backs.probability import Element
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
 from completion.evidence.sight import pixel_of
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray
 from texture.engine.compiled import compiled
 
 MEASURED, SYMMETRY, TURN, SUPPORT, WALL, HULL, BOUND = range(7)
@@ -103,7 +103,7 @@ def _hull(points: FloatArray, setting: Setting, scale: Scale) -> FloatArray:
     """Planes (k, 4) of the convex hull of points and of their feet on the support: n x + d <= 0 inside."""
     feet = points[points[:, 2] < setting.support_m + FOOT * scale.size].copy()
     feet[:, 2] = setting.support_m
-    few = np.concatenate([points[one_a_cell(one, CELL * scale.size)] if False else one[one_a_cell(one, CELL * scale.size)] for one in (points, feet) if len(one)])
+    few = np.concatenate([one[one_a_cell(one, CELL * scale.size)] for one in (points, feet)])
     try:
         planes = ConvexHull(few).equations
     except QhullError:
@@ -124,7 +124,10 @@ def _least_depth(planes, points, found):  # type: ignore[no-untyped-def]
         most = -np.inf
         for k in range(len(planes)):
             height = (
-                planes[k, 0] * points[i, 0] + planes[k, 1] * points[i, 1] + planes[k, 2] * points[i, 2] + planes[k, 3]
+                planes[k, 0] * points[i, 0]
+                + planes[k, 1] * points[i, 1]
+                + planes[k, 2] * points[i, 2]
+                + planes[k, 3]
             )
             most = max(most, height)
         found[i] = -most
@@ -161,9 +164,9 @@ def _inverse(isometry: FloatArray) -> FloatArray:
 
 
 @compiled
-def _carve(
+def _carve(  # type: ignore[no-untyped-def]
     eye, angles, ranges, thing, measured, normals, isometries, places, cap, skin, is_whole, lowest, is_skin
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     for i in range(len(places)):
         px, py, pz = places[i, 0], places[i, 1], places[i, 2]
         for k in range(len(isometries)):
@@ -182,7 +185,9 @@ def _carve(
                     fx, fy, fz = normals[pixel, 0], normals[pixel, 1], normals[pixel, 2]
                     if abs(depth) < cap and fx * fx + fy * fy + fz * fz > 0:
                         depth = -(
-                            fx * (x - measured[pixel, 0]) + fy * (y - measured[pixel, 1]) + fz * (z - measured[pixel, 2])
+                            fx * (x - measured[pixel, 0])
+                            + fy * (y - measured[pixel, 1])
+                            + fz * (z - measured[pixel, 2])
                         )
                     if 0 < depth < skin:
                         is_skin[i] = True
@@ -223,15 +228,15 @@ def _origins(
     for kind, isometry in [*kinds, (MEASURED, _IDENTITY)]:
         at = move(isometry, places)
         for sight in sights:
-            _mark(sight.eye, sight.angles, sight.ranges, sight.thing, sight.points, sight.normals, at, cell, kind, origin)
-        if kind is not MEASURED:
-            continue
+            _mark(
+                sight.eye, sight.angles, sight.thing, sight.points, sight.normals, at, cell, kind, origin
+            )  # fmt: skip
     origin[(places[:, 2] - setting.support_m < cell) & (origin >= HULL)] = SUPPORT
     return origin
 
 
 @compiled
-def _mark(eye, angles, ranges, thing, measured, normals, places, cell, kind, origin):  # type: ignore[no-untyped-def]
+def _mark(eye, angles, thing, measured, normals, places, cell, kind, origin):  # type: ignore[no-untyped-def]
     for i in range(len(places)):
         x, y, z = places[i, 0], places[i, 1], places[i, 2]
         pixel = pixel_of(eye, angles, (x, y, z))

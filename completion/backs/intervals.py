@@ -44,15 +44,25 @@ class DepthInterval:
 
 
 def volume_interval(
-    shape: ClosedShape, chosen: Sequence[Symmetry], views: Sequence[ThingView], sights: Sequence[Sight], setting: Setting
+    shape: ClosedShape,
+    chosen: Sequence[Symmetry],
+    views: Sequence[ThingView],
+    sights: Sequence[Sight],
+    setting: Setting,
 ) -> VolumeInterval:
     """Return the closed volume times quantiles of true over closed volumes of things closed the same way."""
     closed = shape.volume_m3
     low, high = (closed * factor for factor in VOLUMES[closed_by(chosen)])
-    shadows = [shadow_volume(view, setting) for view, sight in zip(views, sights, strict=True) if not sight.cut.any()]
+    shadows = [
+        shadow_volume(view, setting) for view, sight in zip(views, sights, strict=True) if not sight.cut.any()
+    ]
     certain = min(shadows, default=np.inf)
     return VolumeInterval(
-        closed, min(low, certain), min(high, certain), _SHARE, float(certain) if np.isfinite(certain) else None
+        closed,
+        min(low, certain),
+        min(high, certain),
+        _SHARE,
+        float(certain) if np.isfinite(certain) else None,
     )
 
 
@@ -66,7 +76,10 @@ def closed_by(chosen: Sequence[Symmetry]) -> str:
 
 
 def shadow_volume(view: ThingView, setting: Setting) -> float:
-    """Return the volume behind a view's pixels of a thing, to support and walls: sum of dO (R^3 - r^3) / 3."""
+    """Return the volume behind a view's pixels of a thing, up to support and walls, cubic metres.
+
+    The sum over pixels of solid angle (R^3 - r^3) / 3; infinite where a beam meets neither.
+    """
     scan = view.scan
     rows, columns = np.nonzero(view.of_thing)
     grid, pose = scan.projection.ray_grid(), scan.world_from_sensor
@@ -95,9 +108,9 @@ def depth_interval(
 ) -> DepthInterval:
     """Return the extent of a thing away from its front: to the wall behind it, or along the line of sight.
 
-    The measured extent, less the noise, is certain. Where a side or the top was seen to its end it is the depth,
-    to 2 % of the size, unless a symmetry puts surface (`asserted` (n, 3)) farther back; else a symmetry says
-    where the back is; else the thing ends before the wall, or is open.
+    The measured extent, less the noise, is certain. Where a side or the top was seen to its end it is the
+    depth, to 2 % of the size, unless a symmetry puts surface (`asserted` (n, 3)) farther back; else a
+    symmetry says where the back is; else the thing ends before the wall, or is open.
     """
     points = np.concatenate([sight.points[sight.thing] for sight in sights])
     way = _away(sights, setting, scale)

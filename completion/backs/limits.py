@@ -49,13 +49,13 @@ N_ROUNDS = 4
 PIXEL_SD = 0.6
 """Pixels: standard deviation of the distance of two limbs that are each known to a pixel (2 / sqrt(12))."""
 FACING_OFFSET = 0.35
-"""Cosine between a normal and a mirror's from which a match says where the mirror is: normals err by 5 deg."""
+"""Cosine between a normal and a mirror's from which a match tells the mirror's place: normals err."""
 END_NEAR = 0.03
 """Share of size near the end of a side. By choice: four pixels."""
 LEAST_PIXEL_SD = 0.3
 """Pixels: standard deviation of the place of an end, however many points say where it is (1 / sqrt(12))."""
 LIMB_FACING = 0.5
-"""Cosine between a mirror's normal and the direction out of a limb from which the limb ends the thing there."""
+"""Cosine between a mirror's normal and the way out of a limb from which the limb is an end."""
 CORRELATED = 9.0
 """Neighbouring points that share one error: windows of normals overlap. By choice."""
 SQUARE_DEG = 6.0
@@ -106,6 +106,6 @@ SEEN_DEPTH = 0.05
 DEPTH_SLACK = 0.02
 """Share of size by which a depth whose end was seen may be off. Prototype: 94 % within."""
 LEAST_EXTENT = 0.005
-"""Share of size by which the measured extent may be too long at least: the outermost of many points are read."""
+"""Share of size by which the measured extent may be too long at least: outermost points are read."""
 BACK_FACE = 0.9
-"""Quantile of implied surface along the depth that is a back face, which small parts stand out from. By choice."""
+"""Quantile of implied surface along the depth that is a back face; small parts stand out. By choice."""

@@ -38,9 +38,7 @@ _LEAST_OFF = 0.15  # share of the points off a plane from which its score means 
 _OFFSETS = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
 
 
-def find_mirrors(
-    sights: Sequence[Sight], sample: Sample, setting: Setting, scale: Scale
-) -> list[Symmetry]:
+def find_mirrors(sights: Sequence[Sight], sample: Sample, setting: Setting, scale: Scale) -> list[Symmetry]:
     """Return the mirrors that views speak for, best first, with covariance and evidence.
 
     Every plane of a grid is scored by S = m - 3 f + 0.4 b with doubled tolerance; peaks are refined on finer
@@ -136,7 +134,10 @@ def _least_squares(
     limb across the line of sight. A flat front fixes the angle, limbs on both sides fix the offset.
     """
     tree = cKDTree(sample.points)
-    trees = [cKDTree(sight.points[pixels]) if len(pixels) else None for sight, pixels in zip(sights, sample.limbs, strict=True)]
+    trees = [
+        cKDTree(sight.points[pixels]) if len(pixels) else None
+        for sight, pixels in zip(sights, sample.limbs, strict=True)
+    ]
     prior = np.diag([1 / np.radians(STEP_DEG) ** 2, 1 / (STEP * scale.size) ** 2])
     information = prior
     for _ in range(N_ROUNDS):
@@ -167,7 +168,9 @@ def _least_squares(
             side = sight.side[other]
             turned = sight.side[pixels[use]] @ isometry[:, :3].T
             aside = np.einsum("ij,ij->i", moved[use] - sight.points[other], side)
-            good = (np.einsum("ij,ij->i", turned, side) > SAME_NORMAL) & (np.abs(aside) < LIMB_NEAR * scale.size)
+            good = (np.einsum("ij,ij->i", turned, side) > SAME_NORMAL) & (
+                np.abs(aside) < LIMB_NEAR * scale.size
+            )
             change = mirror_change(place, sight.points[pixels[use]][good] - scale.middle)
             slope = _slope(side[good], change)
             weight = 1 / (2 * (PIXEL_SD * sight.pixel_m) ** 2 * np.sqrt(CORRELATED))

@@ -92,7 +92,11 @@ def find_back(
     sample = draw_sample(sights, scale, rng)
     mirrors = weigh(find_mirrors(sights, sample, setting, scale))
     axes = weigh(find_axes(sights, sample, setting, scale, rng=rng))
-    turns = [] if any(one.probability >= OFFERED for one in axes) else weigh(find_turns(axes, mirrors, sights, sample, scale))
+    turns = (
+        []
+        if any(one.probability >= OFFERED for one in axes)
+        else weigh(find_turns(axes, mirrors, sights, sample, scale))
+    )
     found = [*mirrors, *axes, *turns]
     hypotheses = sorted(found, key=lambda one: -one.probability)
     sure = choose(hypotheses, options.least)
@@ -103,4 +107,7 @@ def find_back(
     shape = close(sights, shaping, offered.points, setting, scale=scale)
     volume = volume_interval(shape, chosen, views, sights, setting)
     depth = depth_interval(sights, asserted.points, setting, scale)
-    return Back(tuple(hypotheses), tuple(sure), asserted, tuple(chosen), shape, volume, depth, scale.size)
+    return Back(
+        hypotheses=tuple(hypotheses), sure=tuple(sure), asserted=asserted, chosen=tuple(chosen), shape=shape,
+        volume=volume, depth=depth, size_m=scale.size,
+    )  # fmt: skip

@@ -25,7 +25,8 @@ def features(symmetry: Symmetry) -> FloatArray:
     if symmetry.kind == "mirror":
         return np.array([
             1.0, h, np.log(m + 0.03), np.log(f + 0.003), m * e["across"], e["balance"], e["across"],
-            np.log(e["sd_offset"] + 1e-3), e["refuted"], np.log(e["refuted"] + 0.003), e["cut"], e["unseen"], e["lost"],
+            np.log(e["sd_offset"] + 1e-3), e["refuted"], np.log(e["refuted"] + 0.003), e["cut"], e["unseen"],
+            e["lost"],
         ])  # fmt: skip
     if symmetry.kind == "axis":
         return np.array([1.0, m, f, h, e["inliers"], e["arc"], e["lateral"]])

@@ -37,17 +37,17 @@ def see(
     free, matched, hidden = (np.zeros(shape, dtype=np.float32) for _ in range(3))
     for sight in sights:
         _see(
-            sight.eye, sight.angles, sight.ranges, sight.low, sight.high, sight.thing, sight.points,
+            sight.eye, sight.angles, sight.low, sight.high, sight.thing, sight.points,
             sight.normals, isometries, points, normals, tolerance, free, matched, hidden,
         )  # fmt: skip
     return Seen(free, matched, hidden)
 
 
 @compiled
-def _see(
-    eye, angles, ranges, low, high, thing, measured, faces, isometries, points, normals, tolerance,
+def _see(  # type: ignore[no-untyped-def]
+    eye, angles, low, high, thing, measured, faces, isometries, points, normals, tolerance,
     free, matched, hidden,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     rows, columns = eye.shape
     reach2 = (LATERAL * tolerance) ** 2
     for k in range(len(isometries)):
@@ -120,7 +120,9 @@ def see_limbs(
 
 
 @compiled
-def _see_limb(eye, angles, measured, to_limb, to_cut, isometries, points, size, on_limb, on_cut):  # type: ignore[no-untyped-def]
+def _see_limb(  # type: ignore[no-untyped-def]
+    eye, angles, measured, to_limb, to_cut, isometries, points, size, on_limb, on_cut
+):
     for k in range(len(isometries)):
         g = isometries[k]
         for i in range(len(points)):
@@ -147,10 +149,8 @@ def _see_limb(eye, angles, measured, to_limb, to_cut, isometries, points, size, 
                     on_cut[k] += 1.0
 
 
-def is_possible(
-    sights: Sequence[Sight], points: FloatArray, setting: Setting, slack: float
-) -> BoolArray:
-    """Tell which points (n, 3) no beam passed by more than `slack`, above the support and before all walls."""
+def is_possible(sights: Sequence[Sight], points: FloatArray, setting: Setting, slack: float) -> BoolArray:
+    """Tell which points (n, 3) no beam passed by more than `slack`, above support and before walls."""
     possible = points[:, 2] > setting.support_m - slack
     for wall in setting.walls:
         possible &= points @ wall[:3] - wall[3] > -slack

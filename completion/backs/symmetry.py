@@ -60,7 +60,7 @@ class Symmetry:
     @property
     def axis(self) -> FloatArray:
         """A place (3,) on the axis, metres; it is vertical."""
-        return self.middle + np.array([*self.place, 0.0])
+        return np.asarray(self.middle + np.array([*self.place, 0.0]))
 
     def isometries(self, n_turns: int) -> FloatArray:
         """The isometries (k, 3, 4) besides the identity; those of an axis are `n_turns` - 1 turns."""
@@ -81,7 +81,8 @@ class Symmetry:
             turned = np.eye(3) - isometry[:, :3]
             by_place = np.broadcast_to(turned[None, :, :2], (len(points), 3, 2))
         slope = np.einsum("ni,nij->nj", facing, by_place)
-        return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slope, self.covariance, slope), 0.0))
+        variance = np.einsum("ni,ij,nj->n", slope, self.covariance, slope)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def mirrors(places: FloatArray, middle: FloatArray) -> FloatArray:

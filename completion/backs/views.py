@@ -56,7 +56,8 @@ class ThingView:
         """Measured points (n, 3) of the thing, metres."""
         rows, columns = np.nonzero(self.of_thing)
         if self.scan.sensor_points is not None:
-            return self.scan.world_from_sensor.apply(np.float64(self.scan.sensor_points[rows, columns]))
+            own = np.asarray(self.scan.sensor_points[rows, columns], dtype=np.float64)
+            return self.scan.world_from_sensor.apply(own)
         rays = self.scan.projection.ray_grid().at(rows, columns)
         return self.scan.world_from_sensor.apply(rays * self.scan.ranges[rows, columns, None])
 
@@ -159,11 +160,12 @@ def prepare_sight(view: ThingView, scale: Scale) -> Sight:
     spans = []
     for found, n in zip(inside, scan.shape, strict=True):
         extent = found[-1] - found[0] + 1
-        spans.append(slice(max(int(found[0] - MARGIN * extent), 0), min(int(found[-1] + 1 + MARGIN * extent), n)))
+        spans.append(
+            slice(max(int(found[0] - MARGIN * extent), 0), min(int(found[-1] + 1 + MARGIN * extent), n))
+        )
     part = spans[0], spans[1]
     eye, angles = _eye_of(scan, part)
     ranges, thing = np.ascontiguousarray(scan.ranges[part]), np.ascontiguousarray(mask[part])
-    rows, columns = np.nonzero(thing)
     points = np.zeros((*ranges.shape, 3))
     points[thing] = view.points
     reach = float(np.median(ranges[thing]))

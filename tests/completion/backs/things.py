@@ -22,10 +22,14 @@ def view_of(corners, azimuth=0.6, elevation=0.45, *, covered=0.0, seed=0):
     every = np.concatenate([corners, floor])
     surface = np.repeat(np.arange(2, dtype=np.int32), [len(corners), len(floor)])
     faces = np.arange(3 * len(every), dtype=np.int32).reshape(-1, 3)
-    scene = Scene(LabelledMesh(every.reshape(-1, 3), faces, surface), (None,) * 2, ("thing", "floor"), "x", "object")
+    scene = Scene(
+        LabelledMesh(every.reshape(-1, 3), faces, surface), (None,) * 2, ("thing", "floor"), "x", "object"
+    )
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
-    way = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    way = np.array(
+        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+    )
     sensor = PinholeSensor(fov_deg=32, width=160, height=160, min_range_m=0.01, max_range_m=100)
     scan = scan_scene(scene, View(Pose.looking_at(middle + 2.2 * size * way, middle), sensor))
     of_thing, ranges = scan.truth.surface == 0, scan.ranges.copy()
