@@ -45,8 +45,8 @@ def things_sections(completion: Completion) -> tuple[PageSection, ...]:
     )
     note = Text(
         "Each picture is from the side that no scan saw. Grey green was measured, blue is implied by a "
-        "symmetry, hatched faces only close the shape: they are unknown. Volume is what a thing takes up, with an 80 % "
-        "interval; depth lies between what was measured and the wall, or the end of the shadow.",
+        "symmetry, hatched faces only close the shape: they are unknown. Volume is what a thing takes up, "
+        "with an 80 % interval; depth lies between what was measured and the wall, or the end of the shadow.",
         is_note=True,
     )
     cards = tuple(thing_picture(completion, one) for one in closed[:_MOST_CARDS])

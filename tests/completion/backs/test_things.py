@@ -12,7 +12,7 @@ import pytest
 
 from completion import Completion, CompletionOptions, complete
 from completion.backs.thing import Thing
-from completion.backs.thing_records import surroundings, thing_records
+from completion.backs.thing_records import surroundings, thing_record
 from completion.backs.things import find_things, why_none
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
@@ -284,7 +284,8 @@ def test_nothing_is_told_where_up_is_undecided() -> None:
 def test_records_count_from_one() -> None:
     seen = on_table()
     done, pose = seen.completion.completed, seen.completion.world_from_reference
-    records = thing_records(seen.things, done.patches, done.room, pose)
+    around = [surroundings(thing, done.patches, done.room, pose) for thing in seen.things]
+    records = [thing_record(*pair) for pair in zip(seen.things, around, strict=True)]
     box, desk = seen.thing("box"), seen.thing("table")
     record = records[box.index]
     assert box.stands_on is not None
