@@ -41,6 +41,7 @@ from nbv.report.viewer.layers import (
 )
 from nbv.report.viewer.markers import given_markers, look_of_scan, opening_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE
+from nbv.report.viewer.things_layer import things_layer
 from nbv.report.viewer.unknown_layer import INFERRED, MEASURED, STATES, unknown_layer
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
@@ -184,7 +185,7 @@ def completion_view(
         _layer(key, label, pieces, names=names, most_sd=most_sd, atlas=atlas, scans=scans)
         for key, label, pieces in groups
     ]
-    layers.append(unknown_layer(completion, names))
+    layers += [unknown_layer(completion, names), things_layer(completion, names)]
     return Viewer(
         "The completed model.",
         tuple(layer for layer in layers if len(layer.faces)),

@@ -11,6 +11,7 @@ import trimesh
 
 from completion import BackOptions, CompletionOptions, complete
 from nbv.report.things_report import face_states, things_sections
+from nbv.report.viewer.scan_views import completion_view
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
 from nbv.scanning.scanner import scan_scene
@@ -87,6 +88,9 @@ def test_files_hold_things_and_their_faces(room, tmp_path):
         assert entry["volume_m3"]["least"] <= entry["volume_m3"]["closed"] * 2
         low, most = entry["depth_m"]["least"], entry["depth_m"]["most"]
         assert most is None or 0 < low <= most
+    layer = next(layer for layer in completion_view(found, is_room=True).layers if layer.key == "things")
+    assert len(layer.faces) == sum(int((one.back.shape.origin != 0).sum()) for one in found.things)
+    assert (layer.channels[0].values == 1).sum() == sum(int(one.is_inferred.sum()) for one in found.things)
     (section,) = things_sections(found)
     assert "2 things stand" in section.blocks[0].text
 

@@ -38,9 +38,9 @@ DOCUMENTED = {
     "units=m design-units up",
     "study": "part scheduler",
     "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
-    "keep-poses register resolution origin edits relations=auto features=auto flatten backs least=0.8 texture "
-    "no-texture export export-units=m tolerance=0.01 observed=auto scheduler intrinsics depth-scale poses "
-    "trajectory units=m up=auto",
+    "keep-poses register resolution origin edits relations=auto features=auto flatten backs least=0.8 "
+    "texture no-texture export export-units=m tolerance=0.01 observed=auto scheduler intrinsics "
+    "depth-scale poses trajectory units=m up=auto",
     "texture": "mask grow window order=paper surface",
     "fit": "shape=auto metric=euclidean robust rays origin radius axis between export units=m",
     "part": "relations=auto noise ignore-labels preferred=tell flatten export units=m",
