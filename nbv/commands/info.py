@@ -406,6 +406,18 @@ def _polygons(content: Content) -> dict[str, Any]:
     }
 
 
+def _things(content: Content) -> dict[str, Any]:
+    things = content["things"]
+    return {
+        "kind": "things",
+        "things": len(things),
+        "closed": sum(one["closed"] is not None for one in things),
+        "by_a_symmetry": sum(bool(one.get("sure")) for one in things),
+        "inferred_m2": sum(one.get("inferred_m2", 0.0) for one in things),
+        "least": content["least"],
+    }
+
+
 def _stations(content: Content) -> dict[str, Any]:
     """A tour, and where overlaps were asked after, as many and in how many groups."""
     tour, overlaps = content["tour"], content["overlaps"]
@@ -424,4 +436,5 @@ _DESCRIBERS: dict[str, Callable[[Content], dict[str, Any]]] = {
     "completion.json": _completion,
     "polygons.json": _polygons,
     "stations.json": _stations,
+    "things.json": _things,
 }

@@ -8,8 +8,11 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from typer.testing import CliRunner
 
 from completion import BackOptions, CompletionOptions, complete
+from nbv.cli import app
+from nbv.commands.info import describe_output
 from nbv.report.things_report import face_states, things_sections
 from nbv.report.viewer.scan_views import completion_view
 from nbv.scanning.effects import Effects
@@ -17,6 +20,7 @@ from nbv.scanning.noise_models import ConstantNoise
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.io.meshes.ply import read_mesh_ply
+from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.world.builtin import Finish, SceneBuilder
 
@@ -110,3 +114,20 @@ def test_the_same_on_any_number_of_threads(room):
     for one, other in zip(found.things, again.things, strict=True):
         assert (one.world_vertices() == other.world_vertices()).all()
         assert (one.back.shape.origin == other.back.shape.origin).all()
+
+
+def test_the_command_writes_and_describes_them(room, tmp_path):
+    scan, found = room
+    write_scan(scan, tmp_path / "scan.npz")
+    out = tmp_path / "out"
+    command = CliRunner().invoke(
+        app, ["complete", str(tmp_path / "scan.npz"), "--backs", "--no-texture", "-o", str(out), "--json"]
+    )
+    assert command.exit_code == 0
+    told = json.loads(command.stdout)
+    assert (told["things"], told["closed"]) == (2, 2)
+    assert told["backs_m2"] == pytest.approx(sum(one.inferred_m2 for one in found.things), rel=0.05)
+    assert describe_output(out / "things.json")["closed"] == 2
+    assert "Things and their back sides" in (out / "report.html").read_text()
+    outputs = json.loads((out / "manifest.json").read_text())["outputs"]
+    assert "things/01.ply" in [entry["name"] for entry in outputs]
