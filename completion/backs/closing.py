@@ -75,8 +75,8 @@ def close(
     if not (field > 0).any():
         return ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8))
     vertices, faces, _, _ = marching_cubes(field, 0.0, gradient_direction="descent")
-    vertices = low + np.float64(vertices) * cell
-    faces = np.int32(faces)
+    vertices = low + np.asarray(vertices, dtype=np.float64) * cell
+    faces = np.asarray(faces, dtype=np.int32)
     if ClosedShape(vertices, faces, np.zeros(0, np.uint8)).volume_m3 < 0:
         faces = faces[:, ::-1]
     centre = vertices[faces].mean(axis=1)
