@@ -66,7 +66,7 @@ def find_axes(
     sector = np.floor(np.arctan2(outward[:, 1], outward[:, 0]) / (2 * np.pi) * N_SECTORS).astype(int)
     arc = len(np.unique(sector)) / N_SECTORS
     own = {"inliers": float(held.mean()), "arc": arc, "lateral": float(usable.mean())}
-    covariance = np.linalg.inv(information + np.eye(2) / scale.size**2)
+    covariance = np.asarray(np.linalg.inv(information + np.eye(2) / scale.size**2), dtype=np.float64)
     evidence = own | _evidence(place, _TRIED, sights, sample, scale)
     return [Symmetry("axis", place, scale.middle, covariance, evidence)]
 

@@ -38,11 +38,15 @@ class ClosedShape:
         Counter-clockwise seen from outside.
     origin : (m,) uint8
         0 measured, 1 symmetry, 2 turn, 3 support, 4 wall, 5 hull, 6 bound of the shadow.
+    probability : (m,) float
+        Of the symmetry that puts a face there: below `BackOptions.least` the face is unknown. 1 where
+        measured, 0 of origins 3 to 6.
     """
 
     vertices: FloatArray
     faces: NDArray[np.int32]
     origin: NDArray[np.uint8]
+    probability: FloatArray
 
     @property
     def volume_m3(self) -> float:
@@ -75,14 +79,15 @@ def close(
     field = _without_specks(value.reshape(shape), cap)
     field = np.where(np.abs(field) < APART * cell, np.copysign(APART * cell, field), field)
     if not (field > 0).any():
-        return ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8))
+        return ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8), np.zeros(0))
     vertices, faces, _, _ = marching_cubes(field, 0.0, gradient_direction="descent")
-    vertices = low + np.float64(vertices) * cell
-    faces = np.int32(faces)
-    if ClosedShape(vertices, faces, np.zeros(0, np.uint8)).volume_m3 < 0:
+    vertices = low + np.asarray(vertices, dtype=np.float64) * cell
+    faces = np.asarray(faces, dtype=np.int32)
+    if ClosedShape(vertices, faces, np.zeros(0, np.uint8), np.zeros(0)).volume_m3 < 0:
         faces = faces[:, ::-1]
     centre = vertices[faces].mean(axis=1)
-    return ClosedShape(vertices, faces, _origins(sights, elements, centre, hull, setting, cell=cell))
+    origin, likely = _origins(sights, elements, centre, hull, setting, cell=cell)
+    return ClosedShape(vertices, faces, origin, likely)
 
 
 def _grid(
@@ -219,25 +224,26 @@ def _origins(
     setting: Setting,
     *,
     cell: float,
-) -> NDArray[np.uint8]:
-    """Why faces with these centres (n, 3) are where they are."""
+) -> tuple[NDArray[np.uint8], FloatArray]:
+    """Why faces with these centres (n, 3) are where they are, and how probable that is."""
     origin = np.full(len(places), BOUND, dtype=np.uint8)
     origin[np.abs(_inside(hull, places) + cell / 2) < cell] = HULL
     for wall in setting.walls:
         origin[np.abs(places @ wall[:3] - wall[3]) < cell] = WALL
-    kinds = [(element.origin, _inverse(element.isometry)) for element in elements]
-    for kind, isometry in [*kinds, (MEASURED, _IDENTITY)]:
-        at = move(isometry, places)
+    likely = np.zeros(len(places))
+    own = (1.0, MEASURED, _IDENTITY)
+    weaker = [(element.probability, element.origin, _inverse(element.isometry)) for element in elements]
+    for probability, kind, isometry in [*sorted(weaker, key=lambda one: one[0]), own]:
+        at, there = move(isometry, places), np.zeros(len(places), dtype=np.bool_)
         for sight in sights:
-            _mark(
-                sight.eye, sight.angles, sight.thing, sight.points, sight.normals, at, cell, kind, origin
-            )  # fmt: skip
+            _mark(sight.eye, sight.angles, sight.thing, sight.points, sight.normals, at, cell, there)
+        origin[there], likely[there] = kind, probability
     origin[(places[:, 2] - setting.support_m < cell) & (origin >= HULL)] = SUPPORT
-    return origin
+    return origin, likely
 
 
 @compiled
-def _mark(eye, angles, thing, measured, normals, places, cell, kind, origin):  # type: ignore[no-untyped-def]
+def _mark(eye, angles, thing, measured, normals, places, cell, there):  # type: ignore[no-untyped-def]
     for i in range(len(places)):
         x, y, z = places[i, 0], places[i, 1], places[i, 2]
         pixel = pixel_of(eye, angles, (x, y, z))
@@ -247,4 +253,4 @@ def _mark(eye, angles, thing, measured, normals, places, cell, kind, origin):  #
         fx, fy, fz = normals[pixel, 0], normals[pixel, 1], normals[pixel, 2]
         off = abs(fx * ax + fy * ay + fz * az)
         if off < cell and ax * ax + ay * ay + az * az < 9 * cell * cell and fx * fx + fy * fy + fz * fz > 0:
-            origin[i] = kind
+            there[i] = True

@@ -77,7 +77,7 @@ def _scores(
     matched = np.where(off, seen.matched * (1 - free), 0).sum(axis=1) / many
     limbs = see_limbs(sights, isometries, sample.limbs if fine else sample.some_limbs, scale.size)
     score = matched - FREE_WEIGHT * np.where(off, free, 0).sum(axis=1) / many + LIMB_WEIGHT * limbs.on_limb
-    return np.asarray(np.where(many >= _LEAST_OFF * n, score, -1.0))
+    return np.asarray(np.where(many >= _LEAST_OFF * n, score, -1.0), dtype=np.float64)
 
 
 def _heights(places: FloatArray, points: FloatArray) -> FloatArray:
@@ -90,11 +90,11 @@ def _behind_walls(
     isometries: FloatArray, points: FloatArray, setting: Setting, tolerance: float
 ) -> FloatArray:
     """1 (k, n) where a moved point lies behind a wall, which no thing does, else 0."""
-    behind = np.zeros((len(isometries), len(points)), dtype=np.float32)
+    behind: FloatArray = np.zeros((len(isometries), len(points)))
     for wall in setting.walls:
         normal = wall[:3] @ isometries[:, :, :3]
         height = normal @ points.T + (isometries[:, :, 3] @ wall[:3] - wall[3])[:, None]
-        behind = np.maximum(behind, height < -2 * tolerance)
+        behind = np.maximum(behind, (height < -2 * tolerance).astype(np.float64))
     return behind
 
 
@@ -187,7 +187,7 @@ def _slope(normals: FloatArray, change: FloatArray) -> FloatArray:
 
     Normals are noisy: those that are nearly along the mirror say nothing of its offset.
     """
-    slope = np.einsum("ni,nij->nj", normals, change)
+    slope: FloatArray = np.einsum("ni,nij->nj", normals, change)
     slope[np.abs(slope[:, 1]) < 2 * FACING_OFFSET, 1] = 0.0
     return slope
 

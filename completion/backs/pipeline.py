@@ -40,7 +40,8 @@ class Back:
     chosen : tuple of Symmetry
         Those of probability 0.5 and more that shape the closed mesh.
     shape : ClosedShape
-        The closed mesh; its faces of origin 3 to 6 are unknown surface, those of 1 and 2 offered.
+        The closed mesh; its faces of origin 3 to 6 are unknown surface, and those of 1 and 2 whose
+        probability is below `least`.
     volume : VolumeInterval
     depth : DepthInterval
     size_m : float

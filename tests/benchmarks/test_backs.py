@@ -9,7 +9,7 @@ from benchmarks.cases.backs.held_out import HELD_OUT
 from benchmarks.cases.backs.tuning import TUNING
 from benchmarks.cases.houses.solids import box, tube
 from benchmarks.methods.backs import superquadric
-from benchmarks.suites.backs import fit_logistic
+from benchmarks.suites.backs import fit_logistic, quantiles_across
 from completion.backs.symmetry import mirrors
 
 
@@ -69,3 +69,21 @@ def test_logistic_weights_are_those_that_drew_the_data() -> None:
     terms = np.column_stack([np.ones(20_000), rng.normal(size=(20_000, 2))])
     true = rng.random(20_000) < 1 / (1 + np.exp(-terms @ [0.5, 2.0, -1.0]))
     assert fit_logistic(terms, true, 0.3) == pytest.approx([0.5, 2.0, -1.0], abs=0.1)
+
+
+def test_things_without_a_mirror_are_told_by_their_surface() -> None:
+    assert TrueThing(corners_of("cabinet", 1)).has_mirror()
+    assert TrueThing(corners_of("barrel", 1)).has_mirror()
+    assert not TrueThing(corners_of("rock", 1)).has_mirror()
+    assert not TrueThing(corners_of("driftwood", 1)).has_mirror()
+
+
+def test_quantiles_hold_kinds_they_were_not_taken_from() -> None:
+    rng = np.random.default_rng(0)
+    kinds = [f"kind {k}" for k in range(40) for _ in range(5)]
+    alike = rng.normal(size=200)
+    assert quantiles_across(alike, kinds) == pytest.approx(np.quantile(alike, [0.1, 0.9]), abs=0.25)
+    apart = np.repeat(rng.normal(size=40), 5) + 0.01 * rng.normal(size=200)
+    low, high = quantiles_across(apart, kinds)
+    assert low <= np.quantile(apart, 0.1)
+    assert high >= np.quantile(apart, 0.9)

@@ -168,7 +168,7 @@ class TrueThing:
         )
 
     def has_mirror(self, within: float = 0.03) -> bool:
-        """Tell whether a vertical mirror, of a grid of 4 deg and 1.5 %, maps 85 % of the surface so."""
+        """Tell whether a vertical mirror of a grid, 4 deg and 1.5 % apart, maps 85 % so nearly."""
         points = self.samples[:: _SAMPLES // _FEW]
         middle = (self.samples.min(axis=0) + self.samples.max(axis=0)) / 2
         grid = np.meshgrid(np.radians(np.arange(0, 180, 4)), np.arange(-0.15, 0.151, 0.015))

@@ -86,7 +86,16 @@ def test_a_closed_mesh_is_watertight_and_turned_outwards(of_box, of_cylinder) ->
         assert set(edges.values()) == {1}
         assert all((b, a) in edges for a, b in edges)
         assert back.shape.volume_m3 > 0
-        assert len(back.shape.origin) == len(faces)
+        assert len(back.shape.origin) == len(back.shape.probability) == len(faces)
+
+
+def test_faces_have_the_probability_of_their_symmetry(of_box, of_cylinder) -> None:
+    for _, back in (of_box, of_cylinder):
+        origin, likely = back.shape.origin, back.shape.probability
+        assert (likely[origin == 0] == 1).all()
+        assert (likely[origin >= 3] == 0).all()
+        p = [one.probability for one in back.chosen]
+        assert set(np.unique(likely[np.isin(origin, [1, 2])])) <= {*p, float(np.prod(p))}
 
 
 def test_the_axis_of_a_cylinder_is_asserted(of_cylinder) -> None:

@@ -17,7 +17,7 @@ from completion.backs.symmetry import (
     product,
     turns,
 )
-from completion.backs.views import Setting, prepare_sight, scale_of
+from completion.backs.views import Setting, ThingView, prepare_sight, scale_of, sigma_of
 from tests.completion.backs.things import setting_of, view_of
 
 MIDDLE = np.array([0.3, -0.2, 0.5])
@@ -124,3 +124,10 @@ def test_the_shadow_of_a_plate_is_a_frustum() -> None:
 def test_one_point_a_cell_is_the_first() -> None:
     points = np.array([[0.1, 0, 0], [0.2, 0, 0], [1.1, 0, 0], [0.3, 0, -0.5]])
     assert one_a_cell(points, 1.0).tolist() == [0, 2, 3]
+
+
+def test_noise_is_as_stated_or_read_off_the_scan() -> None:
+    view = view_of(box((-0.3, -0.2, 0), (0.3, 0.2, 0.5)))
+    assert sigma_of([view]) == view.scan.sigma_m
+    unknown = ThingView(view.scan.with_facts(sigma_m=None), view.of_thing)
+    assert view.scan.sigma_m / 2 < sigma_of([unknown]) < 2 * view.scan.sigma_m
