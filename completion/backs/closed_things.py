@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from completion.backs.closing import SYMMETRY, TURN
-from completion.backs.limits import ASSERTED_CELL
 from completion.backs.options import BackOptions
 from completion.backs.pipeline import Back, find_back
 from completion.backs.symmetry import Symmetry
@@ -49,6 +47,8 @@ class ClosedThing:
         Why there is none; "" where there is.
     world_from_upright : Pose
         From those coordinates to the world.
+    least : float
+        Probability from which surface is inferred.
     """
 
     thing: Thing
@@ -56,20 +56,15 @@ class ClosedThing:
     back: Back | None
     why_open: str
     world_from_upright: Pose
+    least: float
 
     @property
     def is_inferred(self) -> BoolArray:
         """Tell which faces (m,) of the closed shape are inferred surface: a sure symmetry implies them."""
         if self.back is None:
             return np.zeros(0, np.bool_)
-        shape, asserted = self.back.shape, self.back.asserted.points
-        found: BoolArray = np.isin(shape.origin, (SYMMETRY, TURN))
-        if not len(asserted):
-            return np.zeros_like(found)
-        centres = shape.vertices[shape.faces[found]].mean(axis=1)
-        far, _ = KDTree(asserted).query(centres)
-        found[found] = far <= 2 * ASSERTED_CELL * self.back.size_m
-        return found
+        shape = self.back.shape
+        return np.asarray(np.isin(shape.origin, (SYMMETRY, TURN)) & (shape.probability >= self.least))
 
     @property
     def inferred_m2(self) -> float:
@@ -124,7 +119,14 @@ def close_things(
                 back, why = find_back(views, setting, options, seed=thing.index), ""
             except InputError as error:  # too small or too large
                 why = str(error)
-        return ClosedThing(thing, around, back, why, upright.inverse())
+        return ClosedThing(
+            thing=thing,
+            around=around,
+            back=back,
+            why_open=why,
+            world_from_upright=upright.inverse(),
+            least=options.least,
+        )
 
     return tuple(steps.each("backs", close_thing, things))
 

@@ -113,9 +113,7 @@ def thing_record(thing: Thing, around: Surroundings) -> dict[str, Any]:
         "touches": [other + 1 for other in thing.touches],
         "occluded_by": [other + 1 for other in thing.occluded_by],
         "hides": [other + 1 for other in thing.hides],
-        "cut": [
-            {"scan": cut.scan + 1, "border": cut.border, "occluder": cut.occluder} for cut in thing.cuts
-        ],
+        "cut": [{"scan": cut.scan + 1, "border": cut.border, "occluder": cut.occluder} for cut in thing.cuts],
         "box": {name: getattr(thing.box, name).tolist() for name in ("axes", "low", "high")},
         "surfaces": [number + 1 for number in thing.surfaces],
         "measured_m2": thing.measured_m2,
