@@ -228,9 +228,10 @@ def _write_things(completion: Completion, stage: Stage) -> None:
     for one in completion.things:
         if one.back is not None:
             shape, inferred = one.back.shape, one.is_inferred.astype(np.uint8)
+            likely = shape.probability.astype(np.float32)
             write_mesh_ply(
                 stage.path(f"things/{one.thing.index + 1:02d}.ply"), one.world_vertices(), shape.faces,
-                comments=legend, face_properties={"origin": shape.origin, "inferred": inferred},
+                comments=legend, face_properties={"origin": shape.origin, "inferred": inferred, "probability": likely},
             )  # fmt: skip
 
 
