@@ -12,7 +12,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 from skimage.measure import marching_cubes
 
-from completion.backs.limits import APART, CELL, FOOT, GRID, MOST_CELLS, SKIN, SPECK, THIN_CELLS
+from completion.backs.limits import CELL, CORNER_APART, FOOT, GRID, MOST_CELLS, SKIN, SPECK, THIN_CELLS
 from completion.backs.probability import Element
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
@@ -77,7 +77,7 @@ def close(
     open_ = np.flatnonzero(value > -cap)
     value[open_] = np.minimum(value[open_], _depths(sights, elements, places[open_], cap, SKIN * scale.size))
     field = _without_specks(value.reshape(shape), cap)
-    field = np.where(np.abs(field) < APART * cell, np.copysign(APART * cell, field), field)
+    field = np.where(np.abs(field) < CORNER_APART * cell, np.copysign(CORNER_APART * cell, field), field)
     if not (field > 0).any():
         return ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8), np.zeros(0))
     vertices, faces, _, _ = marching_cubes(field, 0.0, gradient_direction="descent")

@@ -109,6 +109,6 @@ LEAST_EXTENT = 0.005
 """Share of size by which the measured extent may be too long at least: outermost points are read."""
 BACK_FACE = 0.9
 """Quantile of implied surface along the depth that is a back face; small parts stand out. By choice."""
-APART = 0.05
+CORNER_APART = 0.05
 """Cells that no corner of the grid lies nearer to the closed surface, so that no triangle is so small
 that its corners are one. By eye."""

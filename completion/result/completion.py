@@ -231,7 +231,8 @@ def _write_things(completion: Completion, stage: Stage) -> None:
             likely = shape.probability.astype(np.float32)
             write_mesh_ply(
                 stage.path(f"things/{one.thing.index + 1:02d}.ply"), one.world_vertices(), shape.faces,
-                comments=legend, face_properties={"origin": shape.origin, "inferred": inferred, "probability": likely},
+                comments=legend,
+                face_properties={"origin": shape.origin, "inferred": inferred, "probability": likely},
             )  # fmt: skip
 
 
