@@ -113,7 +113,7 @@ def close_things(
         back, why = None, _NO_SUPPORT
         if around.support_m is not None:
             try:
-                views, sigma_m = _views_of(thing, seen, upright @ world_from_reference)
+                views, sigma_m = views_of(thing, seen, upright @ world_from_reference)
                 walls = [[*upright.rotate(wall.normal[None])[0], wall.offset_m] for wall in around.walls]
                 setting = Setting(around.support_m, sigma_m, np.array(walls).reshape(-1, 4))
                 back, why = find_back(views, setting, options, seed=thing.index), ""
@@ -131,10 +131,18 @@ def close_things(
     return tuple(steps.each("backs", close_thing, things))
 
 
-def _views_of(
+def views_of(
     thing: Thing, seen: Sequence[Observation], upright_from_reference: Pose
 ) -> tuple[list[ThingView], float]:
-    """The scans that show a thing, z up, and the standard deviation of their ranges on it, metres."""
+    """Return the scans that show a thing, turned z up, and the standard deviation of ranges on it, metres.
+
+    Parameters
+    ----------
+    thing : Thing
+        Of the scans `seen`.
+    upright_from_reference : Pose
+        From the working frame to one whose z is up.
+    """
     views, sigmas = [], [0.0]
     for scan, (one, pixels) in enumerate(zip(seen, thing.pixels, strict=True)):
         if len(pixels):
