@@ -167,14 +167,14 @@ def _record(one: ClosedThing) -> dict[str, Any]:
     back = one.back
     if back is None:
         return {**record, "closed": None, "why_open": one.why_open}
-    sure = {id(symmetry) for symmetry in back.sure}
+    sure = [_key(symmetry) for symmetry in back.sure]
     told = back.hypotheses[:_MOST_TOLD]
     return {
         **record,
         "closed": f"things/{one.thing.index + 1:02d}.ply",
         "why_open": None,
         "hypotheses": [_hypothesis(symmetry, one.world_from_upright) for symmetry in told],
-        "sure": [number for number, symmetry in enumerate(told) if id(symmetry) in sure],
+        "sure": [number for number, symmetry in enumerate(told) if _key(symmetry) in sure],
         "inferred_m2": one.inferred_m2,
         "depth_m": {"least": back.depth.least, "most": back.depth.most, "why": back.depth.why},
         "volume_m3": {
@@ -185,6 +185,11 @@ def _record(one: ClosedThing) -> dict[str, Any]:
             "certain_most": back.volume.certain_most,
         },
     }
+
+
+def _key(symmetry: Symmetry) -> tuple[object, ...]:
+    """What tells a hypothesis from all others of its thing."""
+    return symmetry.kind, symmetry.n_fold, *symmetry.place.tolist()
 
 
 def _hypothesis(symmetry: Symmetry, world: Pose) -> dict[str, Any]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from completion import BackOptions, CompletionOptions, complete
+from completion.backs.closed_things import things_record
 from nbv.cli import app
 from nbv.commands.info import describe_output
 from nbv.report.things_report import face_states, things_sections
@@ -97,6 +99,16 @@ def test_files_hold_things_and_their_faces(room, tmp_path):
     assert (layer.channels[0].values == 1).sum() == sum(int(one.is_inferred.sum()) for one in found.things)
     (section,) = things_sections(found)
     assert "2 things stand" in section.blocks[0].text
+
+
+def test_records_are_the_same_of_things_that_a_journal_kept(room):
+    _, found = room
+    kept = [pickle.loads(pickle.dumps(one)) for one in found.things]
+    for one in kept:  # a journal may keep parts apart, so that equal hypotheses are two objects
+        object.__setattr__(one.back, "sure", pickle.loads(pickle.dumps(one.back.sure)))
+    record = things_record(kept, found.up, BackOptions())
+    assert record == things_record(found.things, found.up, BackOptions())
+    assert any(entry["sure"] for entry in record["things"])
 
 
 def test_nobody_asked_nothing_is_written(room, tmp_path):
