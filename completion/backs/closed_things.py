@@ -27,6 +27,7 @@ from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.pose import Pose
 from scenes.run.steps import Steps
 
+_NOTHING_LEFT = "no room is left behind what was measured of it"
 _NO_SUPPORT = "what it stands on was not seen"
 _MOST_TOLD = 8  # hypotheses of a thing in things.json
 
@@ -116,7 +117,8 @@ def close_things(
                 views, sigma_m = views_of(thing, seen, upright @ world_from_reference)
                 walls = [[*upright.rotate(wall.normal[None])[0], wall.offset_m] for wall in around.walls]
                 setting = Setting(around.support_m, sigma_m, np.array(walls).reshape(-1, 4))
-                back, why = find_back(views, setting, options, seed=thing.index), ""
+                found = find_back(views, setting, options, seed=thing.index)
+                back, why = (found, "") if len(found.shape.faces) else (None, _NOTHING_LEFT)
             except InputError as error:  # too small or too large
                 why = str(error)
         return ClosedThing(

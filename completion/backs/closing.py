@@ -14,10 +14,11 @@ from skimage.measure import marching_cubes
 
 from completion.backs.limits import CELL, CORNER_APART, FOOT, GRID, MOST_CELLS, SKIN, SPECK, THIN_CELLS
 from completion.backs.probability import Element
+from completion.backs.seeing import moved_by
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
-from completion.evidence.sight import pixel_of
-from scenes.checks import FloatArray
+from completion.evidence.sight import Eye, pixel_of
+from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
 MEASURED, SYMMETRY, TURN, SUPPORT, WALL, HULL, BOUND = range(7)
@@ -125,7 +126,8 @@ def _inside(planes: FloatArray, points: FloatArray) -> FloatArray:
 
 
 @compiled
-def _least_depth(planes, points, found):  # type: ignore[no-untyped-def]
+def _least_depth(planes: FloatArray, points: FloatArray, found: FloatArray) -> None:
+    """Write into found (n,) how deep points lie within planes."""
     for i in range(len(points)):
         most = -np.inf
         for k in range(len(planes)):
@@ -170,16 +172,26 @@ def _inverse(isometry: FloatArray) -> FloatArray:
 
 
 @compiled
-def _carve(  # type: ignore[no-untyped-def]
-    eye, angles, ranges, thing, measured, normals, isometries, places, cap, skin, is_whole, lowest, is_skin
-):  # fmt: skip
+def _carve(
+    eye: Eye,
+    angles: FloatArray,
+    ranges: FloatArray,
+    thing: BoolArray,
+    measured: FloatArray,
+    normals: FloatArray,
+    isometries: FloatArray,
+    places: FloatArray,
+    cap: float,
+    skin: float,
+    is_whole: bool,
+    lowest: FloatArray,
+    is_skin: BoolArray,
+) -> None:
+    """Lower `lowest` (n,) to the least depth of moved places in a view; mark those just behind surface."""
     for i in range(len(places)):
         px, py, pz = places[i, 0], places[i, 1], places[i, 2]
         for k in range(len(isometries)):
-            g = isometries[k]
-            x = g[0, 0] * px + g[0, 1] * py + g[0, 2] * pz + g[0, 3]
-            y = g[1, 0] * px + g[1, 1] * py + g[1, 2] * pz + g[1, 3]
-            z = g[2, 0] * px + g[2, 1] * py + g[2, 2] * pz + g[2, 3]
+            x, y, z = moved_by(isometries[k], px, py, pz)
             pixel = pixel_of(eye, angles, (x, y, z))
             depth = cap
             if pixel < 0:
@@ -243,7 +255,17 @@ def _origins(
 
 
 @compiled
-def _mark(eye, angles, thing, measured, normals, places, cell, there):  # type: ignore[no-untyped-def]
+def _mark(
+    eye: Eye,
+    angles: FloatArray,
+    thing: BoolArray,
+    measured: FloatArray,
+    normals: FloatArray,
+    places: FloatArray,
+    cell: float,
+    there: BoolArray,
+) -> None:
+    """Write into there (n,) True where a view measured the thing within a cell of a place."""
     for i in range(len(places)):
         x, y, z = places[i, 0], places[i, 1], places[i, 2]
         pixel = pixel_of(eye, angles, (x, y, z))

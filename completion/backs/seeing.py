@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from completion.backs.limits import LATERAL, LIMB_DEEP, LIMB_NEAR, SAME_NORMAL
 from completion.backs.views import Setting, Sight
-from completion.evidence.sight import pixel_of
+from completion.evidence.sight import Eye, pixel_of
+from completion.observe.rays import Triple
 from scenes.checks import BoolArray, FloatArray, IntArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,20 +44,40 @@ def see(
     return Seen(free, matched, hidden)
 
 
+@inlined
+def moved_by(g: FloatArray, x: float, y: float, z: float) -> Triple:
+    """Return a place moved by an isometry (3, 4)."""
+    return (
+        g[0, 0] * x + g[0, 1] * y + g[0, 2] * z + g[0, 3],
+        g[1, 0] * x + g[1, 1] * y + g[1, 2] * z + g[1, 3],
+        g[2, 0] * x + g[2, 1] * y + g[2, 2] * z + g[2, 3],
+    )
+
+
 @compiled
-def _see(  # type: ignore[no-untyped-def]
-    eye, angles, low, high, thing, measured, faces, isometries, points, normals, tolerance,
-    free, matched, hidden,
-):  # fmt: skip
+def _see(
+    eye: Eye,
+    angles: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    thing: BoolArray,
+    measured: FloatArray,
+    faces: FloatArray,
+    isometries: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    tolerance: float,
+    free: NDArray[np.float32],
+    matched: NDArray[np.float32],
+    hidden: NDArray[np.float32],
+) -> None:
+    """Write into free, matched and hidden (k, n) what one view says of moved points."""
     rows, columns = eye.shape
     reach2 = (LATERAL * tolerance) ** 2
     for k in range(len(isometries)):
         g = isometries[k]
         for i in range(len(points)):
-            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            x = g[0, 0] * px + g[0, 1] * py + g[0, 2] * pz + g[0, 3]
-            y = g[1, 0] * px + g[1, 1] * py + g[1, 2] * pz + g[1, 3]
-            z = g[2, 0] * px + g[2, 1] * py + g[2, 2] * pz + g[2, 3]
+            x, y, z = moved_by(g, points[i, 0], points[i, 1], points[i, 2])
             pixel = pixel_of(eye, angles, (x, y, z))
             if pixel < 0:
                 continue
@@ -120,16 +141,23 @@ def see_limbs(
 
 
 @compiled
-def _see_limb(  # type: ignore[no-untyped-def]
-    eye, angles, measured, to_limb, to_cut, isometries, points, size, on_limb, on_cut
-):
+def _see_limb(
+    eye: Eye,
+    angles: FloatArray,
+    measured: FloatArray,
+    to_limb: IntArray,
+    to_cut: IntArray,
+    isometries: FloatArray,
+    points: FloatArray,
+    size: float,
+    on_limb: FloatArray,
+    on_cut: FloatArray,
+) -> None:
+    """Count into on_limb and on_cut (k,) the points that come to lie on the outline, or on a cut of it."""
     for k in range(len(isometries)):
         g = isometries[k]
         for i in range(len(points)):
-            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            x = g[0, 0] * px + g[0, 1] * py + g[0, 2] * pz + g[0, 3]
-            y = g[1, 0] * px + g[1, 1] * py + g[1, 2] * pz + g[1, 3]
-            z = g[2, 0] * px + g[2, 1] * py + g[2, 2] * pz + g[2, 3]
+            x, y, z = moved_by(g, points[i, 0], points[i, 1], points[i, 2])
             pixel = pixel_of(eye, angles, (x, y, z))
             if pixel < 0:
                 continue
@@ -160,7 +188,10 @@ def is_possible(sights: Sequence[Sight], points: FloatArray, setting: Setting, s
 
 
 @compiled
-def _refute(eye, angles, ranges, points, slack, possible):  # type: ignore[no-untyped-def]
+def _refute(
+    eye: Eye, angles: FloatArray, ranges: FloatArray, points: FloatArray, slack: float, possible: BoolArray
+) -> None:
+    """Write False into possible (n,) where a beam went on behind a point by more than the slack."""
     for i in range(len(points)):
         pixel = pixel_of(eye, angles, (points[i, 0], points[i, 1], points[i, 2]))
         if pixel >= 0 and np.isfinite(ranges[pixel]):

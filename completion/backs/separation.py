@@ -228,7 +228,8 @@ class ScanView:
 def _plane(patch: Patch) -> Plane:
     """The plane of a patch that is known to have one."""
     plane = patch.source.fit.surface
-    assert isinstance(plane, Plane)
+    if not isinstance(plane, Plane):
+        raise TypeError(f"expected a plane, got {plane.kind}")
     return plane
 
 

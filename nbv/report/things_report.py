@@ -10,12 +10,13 @@ import numpy as np
 
 from completion.backs.closed_things import ClosedThing
 from completion.backs.closing import MEASURED as SEEN_FACE
+from completion.backs.pipeline import Back
 from completion.result.completion import Completion
 from nbv.report.blocks.page import Cell, Gallery, Legend, PageSection, Table, Text
 from nbv.report.figures.drawing import MeshDrawing, mark_hatched, paint_states
 from nbv.report.figures.picture import INFERRED, MEASURED, Camera, Picture, aim, picture_of
 from nbv.run.wording import count, square_metres
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 _MOST_CARDS = 9
@@ -33,7 +34,7 @@ def things_sections(completion: Completion) -> tuple[PageSection, ...]:
     things = completion.things
     if not things:
         return ()
-    closed = [one for one in things if one.back is not None]
+    closed = [(one, one.back) for one in things if one.back is not None]
     inferred = sum(one.inferred_m2 for one in things)
     sure = sum(bool(one.back and one.back.sure) for one in things)
     why = Counter(one.why_open for one in things if one.back is None)
@@ -49,7 +50,7 @@ def things_sections(completion: Completion) -> tuple[PageSection, ...]:
         "with an 80 % interval; depth lies between what was measured and the wall, or the end of the shadow.",
         is_note=True,
     )
-    cards = tuple(thing_picture(completion, one) for one in closed[:_MOST_CARDS])
+    cards = tuple(_thing_picture(completion, *pair) for pair in closed[:_MOST_CARDS])
     more = len(closed) - _MOST_CARDS
     rest = (Text(f"{count(more, 'other is', 'others are')} in things/.", is_note=True),) if more > 0 else ()
     gallery = (Legend(), Gallery(cards, 3)) if cards else ()
@@ -98,24 +99,22 @@ def face_states(one: ClosedThing) -> IntArray:
     return np.where(origin == SEEN_FACE, _MEASURED, np.where(one.is_inferred, _INFERRED, _UNKNOWN))
 
 
-def thing_picture(completion: Completion, one: ClosedThing, n_threads: int | None = None) -> Picture:
-    """Return the picture of a closed thing from the side that the scans did not see."""
-    assert one.back is not None
-    shape = one.back.shape
-    drawing = MeshDrawing(LabelledMesh(shape.vertices, shape.faces), n_threads=n_threads)
+def _thing_picture(completion: Completion, one: ClosedThing, back: Back) -> Picture:
+    """The picture of a thing, closed by `back`, from the side that the scans did not see."""
+    shape, sure = back.shape, back.sure
+    drawing = MeshDrawing(LabelledMesh(shape.vertices, shape.faces))
     layer = drawing.look(_behind(completion, one), _SHAPE)
     state = np.where(layer.hit, face_states(one)[np.maximum(layer.face, 0)], -1)
     shade = drawing.shade(layer)
     image = paint_states(state, shade, {_MEASURED: MEASURED, _INFERRED: INFERRED, _UNKNOWN: _PALE})
     image = mark_hatched(image, state == _UNKNOWN)
-    sure = [f"{_KINDS[s.kind]}, {100 * s.probability:.0f} %" for s in one.back.sure]
-    return picture_of(image, f"Thing {one.thing.index + 1}", " and ".join(sure) or "no symmetry is sure")
+    how = [f"{_KINDS[s.kind]}, {100 * s.probability:.0f} %" for s in sure]
+    return picture_of(image, f"Thing {one.thing.index + 1}", " and ".join(how) or "no symmetry is sure")
 
 
 def _behind(completion: Completion, one: ClosedThing) -> Camera:
     """A camera on the far side of a thing, raised, that holds all of it; z up."""
-    assert one.back is not None
-    vertices: FloatArray = one.back.shape.vertices
+    vertices = one.back_points()
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     shown = [scan for scan, pixels in enumerate(one.thing.pixels) if len(pixels)]
     eyes = np.array([completion.drawn_scans[scan].origin for scan in shown])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ import trimesh
 from typer.testing import CliRunner
 
 from completion import BackOptions, CompletionOptions, complete
+from completion.backs import closed_things
 from completion.backs.closed_things import things_record
+from completion.backs.closing import ClosedShape
 from nbv.cli import app
 from nbv.commands.info import describe_output
 from nbv.report.things_report import face_states, things_sections
@@ -109,6 +112,18 @@ def test_records_are_the_same_of_things_that_a_journal_kept(room):
     record = things_record(kept, found.up, BackOptions())
     assert record == things_record(found.things, found.up, BackOptions())
     assert any(entry["sure"] for entry in record["things"])
+
+
+def test_a_thing_of_which_no_room_is_left_stays_open(room, tmp_path, monkeypatch):
+    scan, found = room
+    none = ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8), np.zeros(0))
+    back = replace(found.things[0].back, shape=none)
+    monkeypatch.setattr(closed_things, "find_back", lambda *_, **__: back)
+    empty = complete(scan, OPTIONS, rng=0)
+    assert [one.why_open for one in empty.things] == ["no room is left behind what was measured of it"] * 2
+    empty.save(tmp_path)
+    assert not (tmp_path / "things").exists()
+    assert "2 left open" in things_sections(empty)[0].blocks[0].text
 
 
 def test_nobody_asked_nothing_is_written(room, tmp_path):
