@@ -28,7 +28,7 @@ from benchmarks.methods.backs import least_contradicted, superquadric
 from benchmarks.run import head, row, suite
 from benchmarks.store import each
 from completion.backs.closing import close
-from completion.backs.intervals import closed_by
+from completion.backs.intervals import Extent, closed_by
 from completion.backs.pipeline import Back, find_back
 from completion.backs.probability import elements_of, features
 from completion.backs.symmetry import Symmetry
@@ -38,6 +38,7 @@ from scenes.checks import BoolArray, FloatArray
 
 _NEAR, _NEAR_AXIS, _MAPPED = 0.015, 0.02, 0.85
 _IOU_CELL, _VOLUME_CELL = 0.025, 0.008  # shares of size
+_EXTENTS = ("width", "depth", "height")
 _SOLID = 0.02  # share of size^3
 _PEERS = ("closed", "hull in shadow", "superquadric", "mirror always")
 
@@ -73,7 +74,7 @@ class Scored:
     volumes: list[float]  # true, closed, least, most
     closed_by: str
     is_symmetric: bool
-    depth: list[float]  # true, least, most, where a wall is behind
+    extents: dict[str, list[float]]  # width, depth, height: true, estimate, least, most or inf
     cpu_s: float
 
     @property
@@ -102,15 +103,28 @@ def score(kind: str, seed: int, n_views: int, wall: bool, peers: bool) -> Scored
     iou = {name: _iou(true, occupied(corners, *grid)) for name, corners in shapes.items()}
     fine = _grid(case.corners, _VOLUME_CELL)
     volume = float(occupied(case.corners, *fine).sum()) * _VOLUME_CELL**3
-    most = back.depth.most if back.depth.most is not None else np.inf
     return Scored(
         kind=kind, covered=case.covered, hypotheses=tested, n_asserted=n,
         within=[float((away <= limit).mean()) if n else float("nan") for limit in (0.01, 0.02)],
         in_free=_in_free(case, back.asserted.points), recall=_recall(case, thing, back), iou=iou,
         volumes=[volume, back.volume.closed, back.volume.least, back.volume.most],
         closed_by=closed_by(back.chosen), is_symmetric=thing.has_mirror(),
-        depth=[case.depth_m, back.depth.least, most], cpu_s=cpu_s,
+        extents={name: _extent(case, getattr(back.extents, name)) for name in _EXTENTS}, cpu_s=cpu_s,
     )  # fmt: skip
+
+
+def _extent(case: ThingCase, extent: Extent) -> list[float]:
+    true = float(np.ptp(case.corners.reshape(-1, 3) @ np.array(extent.way)))
+    return [true, extent.estimate, extent.least, np.inf if extent.most is None else extent.most]
+
+
+def _held(some: Sequence[Scored], name: str) -> str:
+    """How many extents their intervals held, of those that are bounded, and how wide these are."""
+    known = np.array([one.extents[name] for one in some])
+    known = known[np.isfinite(known[:, 3])]
+    held = (known[:, 2] - 1e-3 <= known[:, 0]) & (known[:, 0] <= known[:, 3] + 1e-3)
+    width = 100 * np.median(known[:, 3] - known[:, 2]) if len(known) else np.nan
+    return f"{held.sum()} of {len(known)} held, median interval {width:.1f} % of size"
 
 
 def _tested(one: Symmetry, thing: TrueThing, back: Back) -> Tested:
@@ -213,10 +227,9 @@ def backs(
         )
         if one is not None
     ]
-    held = [one.depth[1] - 1e-3 <= one.depth[0] <= one.depth[2] + 1e-3 for one in cupboards]
-    width = np.median([one.depth[2] - one.depth[1] for one in cupboards])
-    share = f"{100 * np.mean(held):.0f} % held, median width {100 * width:.1f} % of size"
-    yield f"depth of {len(held)} cupboards before a wall: {share}"
+    yield f"depth of {len(cupboards)} cupboards before a wall: {_held(cupboards, 'depth')}"
+    for name in _EXTENTS:
+        yield f"{name} of {len(single)} single views: {_held(single, name)}"
     cpu = np.array([one.cpu_s for one in single])
     yield f"CPU {np.median(cpu):.2f} s a thing (median), {cpu.max():.2f} s at most"
     if wrong:
@@ -298,6 +311,17 @@ def backs_fit(seeds: int = 5, kinds: int = 0) -> Iterator[str]:
             ratio = np.array([one.volumes[0] / one.volumes[1] for one in closed])
             low, high = quantiles_across(ratio, [one.kind for one in closed])
             yield f"volume, {name}: {len(ratio)}, {low:.3f} to {high:.3f}"
+            yield from _extent_slack(closed)
+
+
+def _extent_slack(closed: Sequence[Scored]) -> Iterator[str]:
+    """By how much the extents of things closed the same way are too small, where they are bounded."""
+    for name in _EXTENTS[:2]:
+        bounded = [one for one in closed if np.isfinite(one.extents[name][3])]
+        if bounded:
+            short = np.array([one.extents[name][0] - one.extents[name][1] for one in bounded])
+            most = quantiles_across(short, [one.kind for one in bounded], share=0.9)[1]
+            yield f"  {name}: {len(short)}, at most {most:.3f} more"
 
 
 def quantiles_across(ratio: FloatArray, kinds: Sequence[str], share: float = 0.8) -> tuple[float, float]:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from completion.backs.closing import SYMMETRY, TURN
+from completion.backs.closing import MEASURED, SYMMETRY, TURN
+from completion.backs.intervals import Extent
 from completion.backs.options import BackOptions
 from completion.backs.pipeline import Back, find_back
 from completion.backs.symmetry import Symmetry
@@ -21,7 +22,7 @@ from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
 from completion.room.roles import Room
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.inclination import Up
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.pose import Pose
@@ -66,6 +67,13 @@ class ClosedThing:
             return np.zeros(0, np.bool_)
         shape = self.back.shape
         return np.asarray(np.isin(shape.origin, (SYMMETRY, TURN)) & (shape.probability >= self.least))
+
+    @property
+    def face_states(self) -> IntArray:
+        """0 of measured, 1 of inferred, 2 of unknown faces (m,) of the closed shape."""
+        if self.back is None:
+            return np.zeros(0, np.int64)
+        return np.where(self.back.shape.origin == MEASURED, 0, np.where(self.is_inferred, 1, 2))
 
     @property
     def inferred_m2(self) -> float:
@@ -178,7 +186,7 @@ def _record(one: ClosedThing) -> dict[str, Any]:
         "hypotheses": [_hypothesis(symmetry, one.world_from_upright) for symmetry in told],
         "sure": [number for number, symmetry in enumerate(told) if _key(symmetry) in sure],
         "inferred_m2": one.inferred_m2,
-        "depth_m": {"least": back.depth.least, "most": back.depth.most, "why": back.depth.why},
+        **{f"{name}_m": _extent_record(getattr(back.extents, name)) for name in ("width", "depth", "height")},
         "volume_m3": {
             "closed": back.volume.closed,
             "least": back.volume.least,
@@ -187,6 +195,11 @@ def _record(one: ClosedThing) -> dict[str, Any]:
             "certain_most": back.volume.certain_most,
         },
     }
+
+
+def _extent_record(extent: Extent) -> dict[str, Any]:
+    """An extent: that of the closed shape, between which lengths it lies, and why."""
+    return {name: getattr(extent, name) for name in ("estimate", "least", "most", "why")}
 
 
 def _key(symmetry: Symmetry) -> tuple[object, ...]:

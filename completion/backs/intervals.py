@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +13,13 @@ from completion.backs.closing import ClosedShape
 from completion.backs.limits import BACK_FACE, DEPTH_SLACK, LEAST_EXTENT, SEEN_DEPTH, TOLERANCE_SD
 from completion.backs.symmetry import Symmetry
 from completion.backs.views import Scale, Setting, Sight, ThingView
-from completion.backs.weights import VOLUMES
+from completion.backs.weights import EXTENTS, VOLUMES
+from completion.observe.rays import triple
 from scenes.checks import FloatArray
 
 _SHARE = 0.8
+SEEN = "seen to its end"
+"""Why an extent is what was measured of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +38,31 @@ class VolumeInterval:
 
 
 @dataclass(frozen=True, slots=True)
-class DepthInterval:
-    """Extent of a thing along a level direction (`way`, away from its front), metres, and why."""
+class Extent:
+    """Length of a thing along a unit direction (`way`), metres, and why; `most` is None without a bound.
 
+    `estimate` is that of the closed shape.
+    """
+
+    estimate: float
     least: float
     most: float | None
     way: tuple[float, float, float]
     why: str
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether both ends were seen."""
+        return self.why == SEEN
+
+
+@dataclass(frozen=True, slots=True)
+class Extents:
+    """Width (level, across the depth), depth (level, away from the front) and height above the support."""
+
+    width: Extent
+    depth: Extent
+    height: Extent
 
 
 def volume_interval(
@@ -103,38 +125,112 @@ def shadow_volume(view: ThingView, setting: Setting) -> float:
     return float((solid * np.maximum(end**3 - own**3, 0)).sum() / 3)
 
 
-def depth_interval(
-    sights: Sequence[Sight], asserted: FloatArray, setting: Setting, scale: Scale
-) -> DepthInterval:
-    """Return the extent of a thing away from its front: to the wall behind it, or along the line of sight.
+def extents_of(
+    sights: Sequence[Sight],
+    asserted: FloatArray,
+    shape: ClosedShape,
+    chosen: Sequence[Symmetry],
+    *,
+    setting: Setting,
+    scale: Scale,
+) -> Extents:
+    """Return how wide, deep and high a thing is: to the wall behind it, or along the line of sight.
 
-    The measured extent, less the noise, is certain. Where a side or the top was seen to its end it is the
-    depth, to 2 % of the size, unless a symmetry puts surface (`asserted` (n, 3)) farther back; else a
-    symmetry says where the back is; else the thing ends before the wall, or is open.
+    The measured extent, less the noise, is certain. Where its ends were seen, or a symmetry puts surface
+    there (`asserted` (n, 3)), it is that of the closed shape, and at most longer by the quantile of things
+    closed the same way; else the thing ends before a wall, or nothing bounds it.
     """
-    points = np.concatenate([sight.points[sight.thing] for sight in sights])
-    way = _away(sights, setting, scale)
-    along = points @ way
-    front, back = float(along.min()), float(along.max())
-    slack = DEPTH_SLACK * scale.size
-    wall = _to_wall(way, setting)
-    reach = np.inf if wall is None else max(wall, back) - front
-    least = max(back - front - max(TOLERANCE_SD * setting.sigma_m, LEAST_EXTENT * scale.size), 0.0)
-    mirrored = asserted @ way - front if len(asserted) else np.zeros(1)
-    implied = float(mirrored.max())
-    ends = np.concatenate([sight.points[sight.limb & ~sight.cut] for sight in sights]) @ way
-    cut = np.concatenate([sight.points[sight.cut] for sight in sights]) @ way
-    at_end = (ends > back - slack).sum() >= 3 and not (cut > back - slack).any()
-    if at_end and back - front > SEEN_DEPTH * scale.size:
-        most, why = max(back - front, implied) + slack, "side or top seen to its end"
-    elif implied > back - front + slack:
-        least = max(float(np.quantile(mirrored, BACK_FACE)) - slack, least)
-        most, why = implied + slack, "symmetry"
+    away = _away(sights, setting, scale)
+    outline = _Outline(
+        points=np.concatenate([sight.points[sight.thing] for sight in sights]),
+        ends=np.concatenate([sight.points[sight.limb & ~sight.cut] for sight in sights]),
+        cut=np.concatenate([sight.points[sight.cut] for sight in sights]),
+        asserted=asserted,
+        closed=shape.vertices,
+        slack_m=scale.size * np.array(EXTENTS[closed_by(chosen)]),
+        least_m=max(TOLERANCE_SD * setting.sigma_m, LEAST_EXTENT * scale.size),
+        size=scale.size,
+    )
+    is_deep = float(np.ptp(outline.points @ away)) > SEEN_DEPTH * scale.size  # a front alone shows no back
+    back_seen = is_deep and _is_end(outline, away)
+    to_wall, slack = _to_wall(away, setting), outline.slack_m
+    depth = _extent(outline, away, (True, back_seen), (slack[1], to_wall), hidden="front alone")
+    across = np.array([-away[1], away[0], 0.0])
+    seen = _is_end(outline, -across), _is_end(outline, across)
+    width = _extent(outline, across, seen, (slack[0], _to_wall(across, setting)), hidden="an end hidden")
+    return Extents(width, depth, _height(outline, sights, setting, depth))
+
+
+class _Outline(NamedTuple):
+    """What is known of where a thing ends: points (n, 3) of each kind, metres."""
+
+    points: FloatArray
+    ends: FloatArray  # pixels beside a farther one: the thing was seen to end there
+    cut: FloatArray  # pixels at which an occluder or the image's border cuts it
+    asserted: FloatArray
+    closed: FloatArray  # vertices of the closed shape
+    slack_m: FloatArray  # by how much it may be too narrow and too shallow
+    least_m: float  # by how much the measured extent may be too long
+    size: float
+
+
+def _is_end(outline: _Outline, way: FloatArray) -> bool:
+    """Whether the thing was seen to end where its measured points lie farthest along a direction (3,)."""
+    edge = float((outline.points @ way).max()) - DEPTH_SLACK * outline.size
+    return bool((outline.ends @ way > edge).sum() >= 3 and not (outline.cut @ way > edge).any())
+
+
+def _extent(
+    outline: _Outline,
+    way: FloatArray,
+    seen: tuple[bool, bool],
+    bounds: tuple[float, float | None],
+    *,
+    hidden: str,
+) -> Extent:
+    """The extent along a direction (3,), where its near and its far end were seen, or are `hidden`.
+
+    `bounds` are by how much it may be longer than that of the closed shape, and where a wall is.
+    """
+    along = outline.points @ way
+    low, high = float(along.min()), float(along.max())
+    slack, edge = bounds[0], DEPTH_SLACK * outline.size
+    least = max(high - low - outline.least_m, 0.0)
+    estimate = max(high - low, float(np.ptp(outline.closed @ way)))
+    implied = outline.asserted @ way if len(outline.asserted) else along
+    known = seen[0] or float(implied.min()) < low - edge, seen[1] or float(implied.max()) > high + edge
+    if all(seen):
+        most, why = estimate + slack, SEEN
+    elif all(known):
+        inner = [float(np.quantile(implied, share)) for share in (1 - BACK_FACE, BACK_FACE)]
+        least = max(max(inner[1], high) - min(inner[0], low) - edge, least)
+        most, why = estimate + slack, "symmetry"
     else:
-        most = np.inf
-        why = f"front alone, {'nothing known' if wall is None else 'wall'} behind"
-    most = min(most, reach)
-    return DepthInterval(min(least, most), most if np.isfinite(most) else None, tuple(way.tolist()), why)
+        most, why = np.inf, f"{hidden}, {'nothing known' if bounds[1] is None else 'wall'} behind"
+    if bounds[1] is not None:
+        most = min(most, max(bounds[1], high) - low)
+    least = min(least, most)
+    bound = most if np.isfinite(most) else None
+    return Extent(float(np.clip(estimate, least, most)), least, bound, triple(way), why)
+
+
+def _height(outline: _Outline, sights: Sequence[Sight], setting: Setting, depth: Extent) -> Extent:
+    """The extent above the support; over a top that is seen from below, as far as the line of sight goes."""
+    top = float(outline.points[:, 2].max())
+    measured, slack = top - setting.support_m, DEPTH_SLACK * outline.size
+    rises = []
+    for sight in sights:
+        over = outline.points[:, 2].argmax()
+        away = float(np.linalg.norm(outline.points[over, :2] - np.array(sight.eye.origin)[:2]))
+        rises.append(max(top - sight.eye.origin[2], 0.0) / max(away, 1e-9))
+    slope, most, why = min(rises), np.inf, "its top hidden"
+    if _is_end(outline, np.array([0.0, 0.0, 1.0])):
+        most, why = measured + slack, SEEN
+        if slope > 0:
+            most = np.inf if depth.most is None else most + slope * depth.most
+            why = "its top seen from below"
+    least = max(measured - outline.least_m, 0.0)
+    return Extent(measured, least, most if np.isfinite(most) else None, (0.0, 0.0, 1.0), why)
 
 
 def _away(sights: Sequence[Sight], setting: Setting, scale: Scale) -> FloatArray:

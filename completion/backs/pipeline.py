@@ -15,7 +15,7 @@ import numpy as np
 from completion.backs.assertion import Asserted, assert_surface
 from completion.backs.axes import find_axes, find_turns
 from completion.backs.closing import ClosedShape, close
-from completion.backs.intervals import DepthInterval, VolumeInterval, depth_interval, volume_interval
+from completion.backs.intervals import Extents, VolumeInterval, extents_of, volume_interval
 from completion.backs.limits import N_CARVED, N_ROUND, OFFERED
 from completion.backs.mirrors import find_mirrors
 from completion.backs.options import BackOptions
@@ -43,7 +43,7 @@ class Back:
         The closed mesh; its faces of origin 3 to 6 are unknown surface, and those of 1 and 2 whose
         probability is below `least`.
     volume : VolumeInterval
-    depth : DepthInterval
+    extents : Extents
     size_m : float
         Diagonal of the box of measured points, down to the support.
     """
@@ -54,7 +54,7 @@ class Back:
     chosen: tuple[Symmetry, ...]
     shape: ClosedShape
     volume: VolumeInterval
-    depth: DepthInterval
+    extents: Extents
     size_m: float
 
 
@@ -107,8 +107,8 @@ def find_back(
     offered = assert_surface(sights, shaping, setting, scale, least=0.0)
     shape = close(sights, shaping, offered.points, setting, scale=scale)
     volume = volume_interval(shape, chosen, views, sights, setting)
-    depth = depth_interval(sights, asserted.points, setting, scale)
+    extents = extents_of(sights, asserted.points, shape, chosen, setting=setting, scale=scale)
     return Back(
         hypotheses=tuple(hypotheses), sure=tuple(sure), asserted=asserted, chosen=tuple(chosen), shape=shape,
-        volume=volume, depth=depth, size_m=scale.size,
+        volume=volume, extents=extents, size_m=scale.size,
     )  # fmt: skip

@@ -13,3 +13,5 @@ VOLUMES = {
     "none": (0.415, 1.953),
 }
 """Quantiles of true over closed volume that hold 80 % of kinds they were not taken from, of 340 views."""
+EXTENTS = {"axis": (0.06, 0.06), "mirrors": (0.1, 0.06), "mirror": (0.1, 0.18), "none": (0.02, 0.13)}
+"""Shares of its size by which a thing is at most wider and deeper than its closed shape: 95 % quantiles."""

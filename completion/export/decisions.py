@@ -30,6 +30,7 @@ from completion.export.building.parts import BuildingParts
 from completion.export.dimension import (
     UNKNOWN,
     Dimension,
+    Kind,
     Support,
     half_interval,
 )
@@ -253,6 +254,26 @@ def _on_axis(cylinder: CylinderElement, place: FloatArray) -> FloatArray:
     return np.asarray(cylinder.ends[0] + (place[2] - cylinder.ends[0][2]) / along[2] * along)
 
 
+def thing_sizes(model: BuildingModel) -> Iterator[Dimension]:
+    """Yield width, depth and height of closed things, where something bounds them."""
+    kinds: tuple[Kind, ...] = ("thing width", "thing depth", "thing height")
+    for thing in model.things:
+        for k, kind in enumerate(kinds):
+            extent = (thing.extents.width, thing.extents.depth, thing.extents.height)[k]
+            if extent.most is not None:
+                yield Dimension(
+                    kind=kind,
+                    value=extent.estimate,
+                    low=extent.least,
+                    high=extent.most,
+                    supports=(),
+                    ends=thing.corners_of(k),
+                    measured_share=float(extent.is_seen),
+                    existence=1.0,
+                    thing=thing.number,
+                )
+
+
 Advice = Literal["rely", "check", "do not build"]
 
 TOLERANCE_M = 0.010
@@ -363,4 +384,7 @@ def decision_sheet(building: BuildingParts, tolerance_m: float = TOLERANCE_M) ->
 
     # 4. Columns and pipes.
     cylinders = cylinder_sizes(building)
-    return DecisionSheet((*rooms, *bodies, *openings, *cylinders), tolerance_m)
+
+    # 5. Things that stand there, closed.
+    things = thing_sizes(model)
+    return DecisionSheet((*rooms, *bodies, *openings, *cylinders, *things), tolerance_m)

@@ -16,7 +16,7 @@ from scenes.checks import FloatArray
 Kind = Literal[
     "room width", "room height", "room area", "room volume", "wall thickness", "slab thickness",
     "opening width", "opening height", "pipe radius", "pipe length",
-    "column radius", "column height", "column spacing",
+    "column radius", "column height", "column spacing", "thing width", "thing depth", "thing height",
 ]  # fmt: skip
 
 LEVEL = 0.95
@@ -68,6 +68,8 @@ class Dimension:
     across_m : float
         By how much the number changes where all its bounds move outwards by a metre, over 2: 1 of lengths,
         half the perimeter of an area (m), half the surface of a volume (m2).
+    thing : int, optional
+        Of which thing it is, from 1; it then rests on no surfaces.
     """
 
     kind: Kind
@@ -80,6 +82,7 @@ class Dimension:
     existence: float
     unit: Literal["m", "m2", "m3"] = "m"
     across_m: float = 1.0
+    thing: int | None = None
 
     @property
     def half(self) -> float:
@@ -94,6 +97,8 @@ class Dimension:
     @property
     def name(self) -> str:
         """What it is, and of which surfaces."""
+        if self.thing is not None:
+            return f"{self.kind}, thing {self.thing}"
         several = len(self.surfaces) > 1
         return f"{self.kind}, surface{'s' * several} {' '.join(map(str, self.surfaces))}"
 

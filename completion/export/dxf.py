@@ -35,7 +35,8 @@ def dxf_of(model: BuildingModel, units: Units = "m") -> bytes:
     Model space holds, where they are, facets (3DFACE on MEASURED-<KIND> and INFERRED-<KIND>; edges between
     two of one surface and state are invisible), folds (FOLD-MEASURED: at least 95 % of the length was
     measured on both sides; else FOLD-INFERRED), corners (points on CORNER), outlines of openings (OPENING)
-    and the plan (PLAN-MEASURED, PLAN-INFERRED, PLAN-REST) at its height. Sections (SECTION-...) lie flat
+    and the plan (PLAN-MEASURED, PLAN-INFERRED, PLAN-REST) at its height, and outlines of things
+    (THING-MEASURED, THING-INFERRED, THING-UNKNOWN). Sections (SECTION-...) lie flat
     beside it. Extended data "UNSEEN" holds the surface and provenance of a facet, the surfaces, measured
     share and deviation of a fold, the deviation of a corner, and the surface of a line. Where the drawing is
     turned against the scans' world, the custom property `drawing_from_world` says how, row by row.
@@ -51,6 +52,7 @@ def dxf_of(model: BuildingModel, units: Units = "m") -> bytes:
         _add_facets(space, model)
         _add_folds(space, model)
         _add_openings(space, model)
+        _add_things(space, model)
         plan, sections = plan_of(model), sections_of(model)
         _add_lines(space, plan.lines, "PLAN")
         told = plan.caption if units == "m" else f"{plan.caption} The drawing is in {units}."
@@ -93,6 +95,15 @@ def _add_openings(space: Modelspace, model: BuildingModel) -> None:
         entity = space.add_polyline3d(opening.points.tolist(), close=True, dxfattribs={"layer": "OPENING"})
         sizes = [(1041, opening.width_m), (1041, opening.height_m)]
         entity.set_xdata(_APP, [(1071, opening.surface), (1000, opening.kind), *sizes])
+
+
+def _add_things(space: Modelspace, model: BuildingModel) -> None:
+    """Outlines of things on what they stand on."""
+    for thing in model.things:
+        level = float(thing.vertices[:, 2].min())
+        for state, line in thing.outline:
+            how = {"layer": f"THING-{state.upper()}", "elevation": level}
+            space.add_lwpolyline(line.tolist(), dxfattribs=how).set_xdata(_APP, [(1071, thing.number)])
 
 
 def _add_lines(space: Modelspace, lines: Sequence[CutLine], name: str) -> None:
@@ -147,9 +158,17 @@ def _finish(document: Drawing, model: BuildingModel, metre: float) -> None:
         entity.transform(Matrix44.scale(metre))
     document.header["$LTSCALE"] = _DASH * metre
     for name in sorted({entity.dxf.layer for entity in space}):
-        dashed = "DASHED" if "INFERRED" in name else "CENTER" if name == "SECTION-PLACE" else "CONTINUOUS"
+        dashed = (
+            "DASHED"
+            if "INFERRED" in name
+            else "DOT"
+            if "UNKNOWN" in name
+            else "CENTER"
+            if name == "SECTION-PLACE"
+            else "CONTINUOUS"
+        )
         colour = {"OPENING": _GREEN, "CORNER": _MAGENTA, "FOLD-MEASURED": _RED}.get(name, _WHITE)
-        colour = _BLUE if "INFERRED" in name else _GREY if "REST" in name else colour
+        colour = _BLUE if "INFERRED" in name else _GREY if "REST" in name or "UNKNOWN" in name else colour
         heavy = 50 if name in ("PLAN-MEASURED", "SECTION-MEASURED") else 25
         document.layers.add(name, color=colour, linetype=dashed, lineweight=heavy)
     if len(model.faces):

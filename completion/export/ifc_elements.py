@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Building elements for IFC: walls, slabs, ceilings, columns, pipes, and things that are none of these."""
+"""Building elements for IFC: walls, slabs, ceilings, columns, pipes, furniture, and other things."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from completion.export.building.model import BuildingModel, CylinderElement, Ope
 from completion.export.building.parts import BuildingColumn, BuildingParts
 from completion.export.building.rooms import bands, storey_at
 from completion.export.building.runs import segments_in_runs
-from completion.export.building.things import find_things
+from completion.export.building.things import STATES, BuildingThing, find_things
 from completion.export.ifc_entities import Shapes
 from completion.export.ifc_products import (
     Hole,
@@ -295,6 +295,47 @@ def thing_product(shapes: Shapes, model: BuildingModel, numbers: tuple[int, ...]
     )
 
 
+def furniture_product(shapes: Shapes, thing: BuildingThing) -> Product:
+    """Return a thing as one object with its closed shape: measured, inferred and unknown faces."""
+    corners = thing.vertices[thing.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    known = {state: float(area[thing.state == k].sum()) for k, state in enumerate(STATES)}
+    more: dict[str, str | float] = {
+        "Thing": str(thing.number),
+        "InferredShare": known["inferred"] / sum(known.values()),
+        "UnknownShare": known["unknown"] / sum(known.values()),
+        "VolumeLeast_m3": thing.volume.least,
+        "VolumeMost_m3": thing.volume.most,
+    }
+    quantities = []
+    for name in ("Width", "Depth", "Height"):
+        extent = getattr(thing.extents, name.lower())
+        more |= {f"{name}Why": extent.why, f"{name}Least_mm": 1e3 * extent.least}
+        if extent.most is not None:
+            more[f"{name}Most_mm"] = 1e3 * extent.most
+            quantities.append(Quantity(name, "Length", extent.estimate))
+    return Product(
+        key=f"Thing {thing.number}",
+        entity="IfcFurniture",
+        predefined="NOTDEFINED",
+        described="stands in a room; closed by symmetry where one is sure, else by what bounds it",
+        representation="Tessellation",
+        pieces=tuple(
+            ProductPiece(shapes.triangles(thing.vertices, thing.faces[thing.state == k]), state)
+            for k, state in enumerate(STATES)
+        ),
+        evidence=ProductEvidence(
+            surfaces=thing.surfaces,
+            measured_share=known["measured"] / sum(known.values()),
+            sd_m=None,
+            confidence=None,
+            more=more,
+        ),
+        quantities_of="Unseen_FurnitureQuantities",
+        quantities=(*quantities, Quantity("GrossVolume", "Volume", thing.volume.closed)),
+    )
+
+
 _NAMES = {"IfcWall": "Wall", "IfcSlab": "Floor", "IfcCovering": "Ceiling"}
 
 
@@ -372,13 +413,17 @@ def _columns(parts: BuildingParts, shapes: Sequence[Shapes]) -> Iterator[tuple[i
 
 
 def _others(parts: BuildingParts, shapes: Sequence[Shapes]) -> Iterator[tuple[int, Product]]:
-    """Pipes, and what is left beside them and the building."""
+    """Pipes, closed things, and what is left beside them and the building."""
     runs, model = segments_in_runs(parts.pipes), parts.model
     for pipe in (pipe for pipe in parts.pipes if pipe.number in runs):
         k = storey_at(parts.storeys, float(pipe.ends[:, 2].min()) + limits.LEAST_PART_M)
         yield k, pipe_product(shapes[k], pipe)
     structure = _posts(parts) | runs
     structure |= {face.number for face in parts.faces if _place_and_class(parts, face)[1] is not None}
+    for thing in model.things:
+        k = storey_at(parts.storeys, float(thing.vertices[:, 2].min()) + limits.LEAST_PART_M)
+        yield k, furniture_product(shapes[k], thing)
+        structure |= {*thing.surfaces}
     for numbers in find_things(model, structure):
         lowest = float(model.vertices[model.faces[np.isin(model.surface, numbers)]][..., 2].min())
         k = storey_at(parts.storeys, lowest + limits.LEAST_PART_M)

@@ -115,6 +115,7 @@ COLOURS: dict[str, tuple[tuple[float, float, float], float]] = {
     "measured": ((0.80, 0.78, 0.74), 0.0),
     "inferred": ((0.12, 0.37, 0.75), 0.0),
     "partly": ((0.46, 0.58, 0.75), 0.0),
+    "unknown": ((0.86, 0.86, 0.86), 0.5),
     "space": ((0.55, 0.75, 0.55), 0.8),
 }
 """Red, green, blue, and transparency: what was inferred is blue in all pictures of a completion."""
@@ -127,7 +128,7 @@ class ProductPiece:
     """Geometry of one colour."""
 
     items: Sequence[Ref]
-    state: State | Literal["space"]
+    state: State | Literal["space", "unknown"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

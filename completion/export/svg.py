@@ -14,6 +14,7 @@ from shapely import affinity
 from completion.export.building.cut import CutLine, LevelCut, opening_at, plan_of, seen_below
 from completion.export.building.model import BuildingModel, told_turn
 from completion.export.building.parts import BuildingParts
+from completion.export.building.things import STATES
 from completion.export.dimension import Dimension
 from completion.export.room_dimensions import room_sizes, widths_of
 from scenes.checks import FloatArray
@@ -109,6 +110,9 @@ text { fill: #000; font-size: 2.6px; }
 .inferred { stroke-width: 0.4; stroke: #1f5fbf; stroke-dasharray: 2 1; }
 .rest { stroke-width: 0.13; stroke: #b36b00; }
 .below { stroke-width: 0.18; stroke: #999; }
+.thing-measured { stroke-width: 0.25; }
+.thing-inferred { stroke-width: 0.25; stroke: #1f5fbf; stroke-dasharray: 1.2 0.6; }
+.thing-unknown { stroke-width: 0.25; stroke: #777; stroke-dasharray: 0.25 0.7; }
 .opening { stroke-width: 0.18; }
 .thin { stroke-width: 0.18; }
 .dimension line, .dimension path { stroke-width: 0.18; }
@@ -132,16 +136,24 @@ def svg_of(building: BuildingParts) -> str:
     """Return the floor plan of a building as SVG: a sheet of A4 in millimetres; the same one, the same text.
 
     Lines are `measured` (solid), `inferred` (dashed, blue) or `rest` (of no surface, thin); thin grey ones
-    lie below the cut. Each group `dimension` has the width of a room between two walls as `data-value-m`,
-    the ends of its 95 % interval as `data-low-m` and `data-high-m`, and the walls as `data-surfaces`.
+    lie below the cut; outlines of things are `thing-measured`, `thing-inferred` or `thing-unknown`. Each
+    group `dimension` has the width of a room between two walls as `data-value-m`, the ends of its 95 %
+    interval as `data-low-m` and `data-high-m`, and the walls as `data-surfaces`.
     """
     model, plan = building.model, plan_of(building.model)
-    below = seen_below(model, plan.height_m)
+    standing = [thing for thing in model.things if thing.vertices[:, 2].min() < plan.height_m]
+    taken = {number for thing in standing for number in thing.surfaces}
+    below = seen_below(model, plan.height_m, taken)
     drawn_lines = [line.points[:, :2] for line in plan.lines if line.surface] + below
     places = drawn_lines or [line.points[:, :2] for line in plan.lines]
     paper = Paper.of(np.concatenate([np.zeros((0, 2)), *places]))
     lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
-    drawn = {state: strokes for state, strokes in {"below": below, **lines}.items() if strokes}
+    outlines = {
+        f"thing-{state}": [line for thing in standing for other, line in thing.outline if other == state]
+        for state in STATES
+    }
+    strokes_of = {"below": below, **outlines, **lines}
+    drawn = {state: strokes for state, strokes in strokes_of.items() if strokes}
     lettering = Lettering()
     drawn_widths = [width for width in widths_of(building) if abs(width.ends[0, 2] - plan.height_m) < _SAME_M]
     widths = _dimensions(drawn_widths, paper, lettering)
@@ -280,6 +292,8 @@ def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> l
         "inferred": "inferred",
         "rest": "of no surface",
         "below": "below the cut",
+        "thing-measured": "thing",
+        "thing-unknown": "thing, unknown",
     }
     shown = {state: name for state, name in names.items() if state in states}
     for k, (state, name) in enumerate(shown.items()):

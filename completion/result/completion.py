@@ -52,6 +52,7 @@ def building_of(completion: CompletedModel) -> BuildingParts:
         room=completion.completed.room,
         world=completion.drawing_from_reference,
         drawing_from_world=completion.up.drawing_from_world,
+        things=completion.things,
     )
     return building_parts(
         model,

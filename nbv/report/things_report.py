@@ -9,18 +9,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.backs.closed_things import ClosedThing
-from completion.backs.closing import MEASURED as SEEN_FACE
+from completion.backs.intervals import Extent
 from completion.backs.pipeline import Back
 from completion.result.completion import Completion
 from nbv.report.blocks.page import Cell, Gallery, Legend, PageSection, Table, Text
 from nbv.report.figures.drawing import MeshDrawing, mark_hatched, paint_states
 from nbv.report.figures.picture import INFERRED, MEASURED, Camera, Picture, aim, picture_of
 from nbv.run.wording import count, square_metres
-from scenes.checks import IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 _MOST_CARDS = 9
 _MOST_ROWS = 60
+_ONE_NUMBER_M = 0.01
 _SHAPE = (300, 400)  # rows and columns of a card's picture
 _RAISED_DEG = 25.0  # how far the eye stands above the thing
 _MARGIN = 1.15
@@ -47,7 +47,8 @@ def things_sections(completion: Completion) -> tuple[PageSection, ...]:
     note = Text(
         "Each picture is from the side that no scan saw. Grey green was measured, blue is implied by a "
         "symmetry, hatched faces only close the shape: they are unknown. Volume is what a thing takes up, "
-        "with an 80 % interval; depth lies between what was measured and the wall, or the end of the shadow.",
+        "with an 80 % interval; width, depth and height lie between what was measured and where its end "
+        "was seen, a symmetry puts it, or a wall is.",
         is_note=True,
     )
     cards = tuple(_thing_picture(completion, *pair) for pair in closed[:_MOST_CARDS])
@@ -73,17 +74,13 @@ def _row(one: ClosedThing) -> tuple[Cell, ...]:
     if back is None:
         seen = (Cell(f"{max(size[:2]):.2f}"), Cell(""), height)
         return (name, *seen, Cell(one.why_open), *(Cell(""),) * 4)
-    depth, volume = back.depth, back.volume
-    width = np.ptp(one.back_points() @ np.array([-depth.way[1], depth.way[0], 0.0]))
-    most = "?" if depth.most is None else f"{depth.most:.2f}"
+    extents, volume = back.extents, back.volume
     best = back.hypotheses[0] if back.hypotheses else None
     symmetry = "none" if best is None else f"{_KINDS[best.kind]}, {100 * best.probability:.0f} %"
     return (
         name,
-        Cell(f"{width:.2f}"),
-        Cell(f"{depth.least:.2f} to {most}"),
-        height,
-        Cell(depth.why),
+        *(Cell(_told(extent)) for extent in (extents.width, extents.depth, extents.height)),
+        Cell(extents.depth.why),
         Cell(f"{volume.closed:.2g}"),
         Cell(f"{volume.least:.2g}, {volume.most:.2g}"),
         Cell(symmetry, state="inferred" if back.sure else ""),
@@ -91,12 +88,13 @@ def _row(one: ClosedThing) -> tuple[Cell, ...]:
     )
 
 
-def face_states(one: ClosedThing) -> IntArray:
-    """Return 0 of measured, 1 of inferred, 2 of unknown faces (m,) of a closed shape."""
-    if one.back is None:
-        return np.zeros(0, np.int64)
-    origin = one.back.shape.origin
-    return np.where(origin == SEEN_FACE, _MEASURED, np.where(one.is_inferred, _INFERRED, _UNKNOWN))
+def _told(extent: Extent) -> str:
+    """An extent: one number where both ends are known to 10 mm, else from which to which."""
+    if extent.most is None:
+        return f"{extent.least:.2f} or more"
+    if extent.most - extent.least <= _ONE_NUMBER_M:
+        return f"{(extent.least + extent.most) / 2:.2f}"
+    return f"{extent.least:.2f} to {extent.most:.2f}"
 
 
 def _thing_picture(completion: Completion, one: ClosedThing, back: Back) -> Picture:
@@ -104,7 +102,7 @@ def _thing_picture(completion: Completion, one: ClosedThing, back: Back) -> Pict
     shape, sure = back.shape, back.sure
     drawing = MeshDrawing(LabelledMesh(shape.vertices, shape.faces))
     layer = drawing.look(_behind(completion, one), _SHAPE)
-    state = np.where(layer.hit, face_states(one)[np.maximum(layer.face, 0)], -1)
+    state = np.where(layer.hit, one.face_states[np.maximum(layer.face, 0)], -1)
     shade = drawing.shade(layer)
     image = paint_states(state, shade, {_MEASURED: MEASURED, _INFERRED: INFERRED, _UNKNOWN: _PALE})
     image = mark_hatched(image, state == _UNKNOWN)

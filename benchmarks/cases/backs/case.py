@@ -65,7 +65,6 @@ class ThingCase:
     corners: FloatArray
     true_ranges: tuple[FloatArray, ...]
     covered: float  # share of the thing's width or height in the first image
-    depth_m: float  # towards the wall, where there is one
 
 
 def make_case(
@@ -113,8 +112,7 @@ def make_case(
         views.append(ThingView(replace(scan, ranges=noisy, sigma_m=NOISE, truth=None), of_thing))
         exact.append(ranges)
         covered = share if k == 0 else covered
-    depth = float(np.ptp(corners[..., 1]))
-    return ThingCase(tuple(views), Setting(0.0, NOISE, walls), corners, tuple(exact), covered, depth)
+    return ThingCase(tuple(views), Setting(0.0, NOISE, walls), corners, tuple(exact), covered)
 
 
 def _scene(solids: Sequence[FloatArray]) -> Scene:

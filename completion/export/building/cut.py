@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -185,15 +185,16 @@ def _straight(points: FloatArray, slack_m: float) -> FloatArray:
 _RAGGED_M, _LEAST_M = 0.02, 0.3  # to which outlines are simplified; length of those that are drawn
 
 
-def seen_below(model: BuildingModel, height_m: float) -> list[FloatArray]:
+def seen_below(model: BuildingModel, height_m: float, without: Collection[int] = ()) -> list[FloatArray]:
     """Return outlines (n, 2) of level surfaces seen from above and below a height, such as table tops.
 
+    Surfaces `without` are left out: things have outlines of their own.
     Holes in them are left out: what stands on a floor hides it, and so does the scanner's own stand.
     """
     corners = model.vertices[model.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
-    is_level = (normal[:, 2] > LEVEL_COSINE * length) & (model.surface > 0)
+    is_level = (normal[:, 2] > LEVEL_COSINE * length) & ~np.isin(model.surface, [0, *without])
     is_member = is_level & (corners[:, :, 2].max(axis=1) < height_m)
     faces = model.faces[is_member]
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)

@@ -11,6 +11,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from completion.backs.closed_things import ClosedThing
+from completion.export.building.things import BuildingThing, building_things
 from completion.export.panels.model import PanelModel
 from completion.extension.patch import Patch
 from completion.room.roles import Room
@@ -320,6 +322,8 @@ class BuildingModel:
         How well the surfaces are known, jointly.
     drawing_from_world : Pose
         The turn from the world of the scans to this one, in which z is up.
+    things : tuple of BuildingThing
+        What stands in it, closed; none where back sides were not asked for.
     """
 
     vertices: FloatArray
@@ -338,6 +342,7 @@ class BuildingModel:
     plans: tuple[RoomPlan, ...]
     errors: JointErrors
     drawing_from_world: Pose = field(default_factory=Pose.identity)
+    things: tuple[BuildingThing, ...] = ()
 
     @property
     def walls(self) -> tuple[PlaneElement, ...]:
@@ -364,6 +369,7 @@ def building_model(
     room: Room,
     world: Pose,
     drawing_from_world: Pose,
+    things: Sequence[ClosedThing] = (),
 ) -> BuildingModel:
     """Return what drawings show of a completed model.
 
@@ -383,6 +389,8 @@ def building_model(
         From the working frame to that of drawings, z up; so are the polygons.
     drawing_from_world : Pose
         From the scans' world to it.
+    things : sequence of ClosedThing
+        What stands in the room.
     """
     planes = [
         plane_element(int(surface["id"]), surface, patches[int(surface["id"]) - 1], world)
@@ -433,6 +441,7 @@ def building_model(
         plans=room_plans(room, patches, world),
         errors=errors,
         drawing_from_world=drawing_from_world,
+        things=tuple(building_things(things)),
     )
 
 

@@ -18,7 +18,7 @@ from completion.backs.closed_things import things_record
 from completion.backs.closing import ClosedShape
 from nbv.cli import app
 from nbv.commands.info import describe_output
-from nbv.report.things_report import face_states, things_sections
+from nbv.report.things_report import things_sections
 from nbv.report.viewer.scan_views import completion_view
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
@@ -78,7 +78,7 @@ def test_the_drum_is_full_and_its_far_side_is_inferred(room):
 def test_what_closes_only_is_unknown(room):
     _, found = room
     for one in found.things:
-        origin, state = one.back.shape.origin, face_states(one)
+        origin, state = one.back.shape.origin, one.face_states
         assert (state[origin >= 3] == 2).all()
         assert (state[origin == 0] == 0).all()
 

@@ -200,7 +200,7 @@ def test_a_front_alone_is_as_deep_as_to_the_wall() -> None:
     wall = box((-20, 0.3, 0), (20, 0.4, 20))
     view = view_of(np.concatenate([cupboard]), -np.pi / 2, 0.0)
     setting = setting_of(view, [0.0, -1.0, 0.0, -0.3])
-    depth = find_back([view], setting).depth
+    depth = find_back([view], setting).extents.depth
     assert len(wall)
     assert depth.why == "front alone, wall behind"
     assert depth.least < 0.05
@@ -209,7 +209,7 @@ def test_a_front_alone_is_as_deep_as_to_the_wall() -> None:
 
 def test_a_seen_side_gives_the_depth() -> None:
     view = view_of(box((-0.4, -0.25, 0), (0.4, 0.25, 1.2)), -1.0, 0.35)
-    depth = find_back([view], setting_of(view, [0.0, -1.0, 0.0, -0.5])).depth
+    depth = find_back([view], setting_of(view, [0.0, -1.0, 0.0, -0.5])).extents.depth
     assert depth.least <= 0.5 <= depth.most
     assert depth.most - depth.least < 0.1
 
