@@ -126,6 +126,7 @@ _TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
 _TOLD_UNKNOWN = "Widths between walls in metres; how exact they are is not known."
 _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
+_LEGEND = 4  # kinds of lines in a row of the legend
 
 _SAME_M = 1e-6  # height of the plan's own widths
 _BESIDE_MM = [np.array([x, y]) for y in (0.0, -8.0, 8.0, -16.0, 16.0) for x in (0.0, 20.0, -20.0)]
@@ -297,7 +298,7 @@ def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> l
     }
     shown = {state: name for state, name in names.items() if state in states}
     for k, (state, name) in enumerate(shown.items()):
-        start = np.array([left + 34 * k, foot + 16.0])
+        start = np.array([left + 34 * (k % _LEGEND), foot + 15.0 + 4.5 * (k // _LEGEND)])
         drawn.append(_line(np.array([start, start + [10, 0]]), state))
         drawn.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
     metres = max(

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
 
+from completion.backs.options import BackOptions
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
 from completion.observe.tolerance import EvidenceOptions
@@ -30,11 +33,13 @@ from scenes.mesh.triangle_distance import distances
 from scenes.scan.range_image import RangeImage
 
 SURE = 0.95  # confidence from which inferred surface counts
+_SYMMETRIC = 0.9  # probability of a symmetry from which the surface that it implies counts
+_ASSERTED = 0.98  # confidence of that surface: the share of it within 2 % of the size, of kinds not fitted on
 _CONTINUED_M = 3.0  # how far surfaces are asked whether they go on
 _MAX_CELLS = 40_000  # of a surface: places a few centimetres apart are told apart in a room
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class KnownSurfaces:
     """Surfaces that completion finds in some scans, measured and inferred.
 
@@ -57,14 +62,15 @@ class KnownSurfaces:
     ) -> KnownSurfaces:
         """Complete `scans` of a world whose z is up, without texture.
 
-        `max_sd_m` is completion's own when not given.
+        `max_sd_m` is completion's own when not given. Back sides of things count as inferred where a symmetry
+        of probability 0.9 or more implies them.
         What surfaces are to each other is left out where nothing is to be related: it takes longer than all
         else of a few scans.
         """
         evidence = EvidenceOptions(max_cells=_MAX_CELLS)
         options = CompletionOptions(texture=False, up=Up.along("z"), evidence=evidence)
         options = options if relates else replace(options, relations=None)
-        options = replace(options, max_sd_m=max_sd_m or options.max_sd_m)
+        options = replace(options, max_sd_m=max_sd_m or options.max_sd_m, backs=BackOptions(least=_SYMMETRIC))
         return cls(complete(scans, options, rng=0, n_threads=n_threads), options.max_sd_m)
 
     def on_modelled(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
@@ -81,13 +87,21 @@ class KnownSurfaces:
 
     def on_inferred(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
         """Tell which points (n, 3) lie on inferred surface; parameters as for `on_modelled`."""
-        return self._lie_on(points, normals, close_m, self._sure)
+        return self._lie_on(points, normals, close_m, self._sure) | self._lie_on_backs(
+            points, normals, close_m
+        )
 
     def inferred_mesh(self) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
         """Inferred surface: vertices (n, 3) in world coordinates, faces (m, 3), confidence (m,) of each."""
         mesh = self.completion.hypothesised
         vertices = self.completion.world_from_reference.apply(mesh.vertices)
-        return vertices, mesh.faces, mesh.confidence[mesh.faces].min(axis=1)
+        backs, confidence = self._backs, mesh.confidence[mesh.faces].min(axis=1)
+        faces = np.arange(len(vertices), len(vertices) + 3 * len(backs), dtype=np.int32).reshape(-1, 3)
+        return (
+            np.concatenate([vertices, backs.reshape(-1, 3)]),
+            np.concatenate([mesh.faces, faces]),
+            np.concatenate([confidence, np.full(len(backs), _ASSERTED)]),
+        )
 
     def inferred_points(self, spacing_m: float) -> tuple[FloatArray, FloatArray]:
         """Points (n, 3) in world coordinates of inferred surface, about so far apart; confidence (n,)."""
@@ -120,6 +134,27 @@ class KnownSurfaces:
             points.append(world.apply(patch.grid.centres()[few]))
             away.append(distance.ravel()[few])
         return np.concatenate(points), np.concatenate(away)
+
+    @cached_property
+    def _backs(self) -> FloatArray:
+        """Triangles (m, 3, 3) of the back sides of things that a symmetry implies, world coordinates."""
+        things = [one for one in self.completion.things if one.back is not None and one.is_inferred.any()]
+        corners = [one.world_vertices()[one.back.shape.faces[one.is_inferred]] for one in things if one.back]
+        return np.concatenate([np.zeros((0, 3, 3)), *corners])
+
+    def _lie_on_backs(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
+        """Tell which points (n, 3) lie on such back sides, their normals along these."""
+        mask, backs = np.zeros(len(points), dtype=np.bool_), self._backs
+        if len(backs):
+            off = np.cross(backs[:, 1] - backs[:, 0], backs[:, 2] - backs[:, 0])
+            off /= np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-15)
+            away, face = cKDTree(backs.mean(axis=1)).query(points)
+            edge = np.linalg.norm(backs[:, 1] - backs[:, 0], axis=1).max()
+            near = np.flatnonzero(away <= close_m + edge)
+            gap = np.einsum("ij,ij->i", points[near] - backs[face[near], 0], off[face[near]])
+            along = np.abs(np.einsum("ij,ij->i", off[face[near]], normals[near])) >= SAME_WAY
+            mask[near] = along & (np.abs(gap) <= close_m)
+        return mask
 
     def _sure(self, patch: Patch) -> BoolArray:
         return patch.hypothesised & (patch.confidence >= self.min_confidence)

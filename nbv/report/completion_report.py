@@ -84,9 +84,12 @@ def _dimension_row(dimension: Dimension, word: Advice) -> tuple[Cell, ...]:
     numbers = [f"{dimension.value:.{digits}f}", *(f"{end:.{digits}f}" for end in ends), *("not known",) * 2][
         :3
     ]
+    of = Cell(f"thing {dimension.thing}")
+    if dimension.thing is None:
+        of = Cell(" ".join(map(str, dimension.surfaces)), swatch=surface_colour(dimension.surfaces[0]))
     return (
         Cell(dimension.kind),
-        Cell(" ".join(map(str, dimension.surfaces)), swatch=surface_colour(dimension.surfaces[0])),
+        of,
         Cell(f"{numbers[0]} {_UNITS[dimension.unit]}"),
         *(Cell(number) for number in numbers[1:]),
         Cell(f"{100 * dimension.measured_share:.0f} %", share=dimension.measured_share, state="measured"),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
@@ -27,7 +28,8 @@ ThingState = Literal["measured", "inferred", "unknown"]
 STATES: tuple[ThingState, ThingState, ThingState] = ("measured", "inferred", "unknown")
 """What a face of a closed shape is, by its number."""
 _MOST_SAMPLES = 200_000  # for the area of all facets
-_BESIDE, _SMOOTH = 0.03, 0.005  # of the diagonal: from an outline to a face that makes it; straightened to
+_BESIDE, _SMOOTH = 0.03, 0.01  # of the diagonal: from an outline to a face that makes it; straightened to
+_STRETCH = 5  # pieces of an outline, half as long as the first of these, over which its state is a median
 
 
 @dataclass(frozen=True, slots=False, eq=False)
@@ -78,6 +80,7 @@ class BuildingThing:
             middle, state = (ring[1:] + ring[:-1]) / 2, np.full(len(ring) - 1, 2)
             for kind, tree in reversed([*zip(kinds, trees, strict=True)]):
                 state[tree.query(middle)[0] < near] = kind
+            state = ndimage.median_filter(state, min(_STRETCH, len(state)), mode="wrap")
             cuts = np.flatnonzero(np.diff(state)) + 1
             for start, end in pairwise([0, *cuts.tolist(), len(state)]):
                 lines.append((STATES[int(state[start])], ring[start : end + 1]))
