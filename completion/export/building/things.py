@@ -66,7 +66,7 @@ class BuildingThing:
     def outline(self) -> tuple[tuple[ThingState, FloatArray], ...]:
         """Its outline seen from above: polylines (k, 2), each with what the nearest faces are."""
         up = self.vertices[self.faces]
-        area = np.cross(up[:, 1, :2] - up[:, 0, :2], up[:, 2, :2] - up[:, 0, :2])
+        area = np.cross(up[:, 1] - up[:, 0], up[:, 2] - up[:, 0])[:, 2]
         whole = shapely.union_all(shapely.polygons(up[area > 0][..., :2]), grid_size=1e-4)
         size = float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
         centre, near = up[..., :2].mean(axis=1), _BESIDE * size

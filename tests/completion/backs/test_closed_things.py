@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import pickle
 from dataclasses import replace
 
+import ezdxf
 import numpy as np
 import pytest
 import trimesh
@@ -16,8 +18,12 @@ from completion import BackOptions, CompletionOptions, complete
 from completion.backs import closed_things
 from completion.backs.closed_things import things_record
 from completion.backs.closing import ClosedShape
+from completion.export.building.things import STATES
+from completion.export.dxf import dxf_of
+from completion.export.svg import svg_of
 from nbv.cli import app
 from nbv.commands.info import describe_output
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.report.things_report import things_sections
 from nbv.report.viewer.scan_views import completion_view
 from nbv.scanning.effects import Effects
@@ -158,3 +164,96 @@ def test_the_command_writes_and_describes_them(room, tmp_path):
     assert "Things and their back sides" in (out / "report.html").read_text()
     outputs = json.loads((out / "manifest.json").read_text())["outputs"]
     assert "things/01.ply" in [entry["name"] for entry in outputs]
+
+
+def test_extents_hold_the_truth(room):
+    _, found = room
+    for one in found.things:
+        corners = box_corners() if one is box_of(found) else drum_points()
+        for name in ("width", "depth", "height"):
+            extent = getattr(one.back.extents, name)
+            true = np.ptp(corners @ np.array(extent.way))
+            assert extent.least <= true <= (np.inf if extent.most is None else extent.most), name
+            assert extent.least <= extent.estimate
+        height = one.back.extents.height
+        assert height.is_seen
+        assert height.most - height.least < 0.05
+
+
+def box_of(found):
+    middle = (LOW + HIGH) / 2
+    return min(found.things, key=lambda one: np.linalg.norm(one.world_vertices().mean(axis=0) - middle))
+
+
+def box_corners():
+    middle = (LOW + HIGH) / 2
+    turn = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
+    return (np.array([*np.ndindex(2, 2, 2)]) - 0.5) * (HIGH - LOW) @ turn.T + middle
+
+
+def drum_points():
+    angle = np.linspace(0, 2 * np.pi, 200)
+    ring = np.column_stack([3.0 + 0.2 * np.cos(angle), 2.4 + 0.2 * np.sin(angle)])
+    return np.concatenate([np.column_stack([ring, np.full(200, z)]) for z in (0.0, 0.6)])
+
+
+def test_a_decision_sheet_has_the_sizes_of_things(room):
+    _, found = room
+    sheet = found.decisions()
+    mine = [one for one in sheet.dimensions if one.thing is not None]
+    names = {one.name for one in mine}
+    assert {"thing height, thing 1", "thing height, thing 2"} <= names
+    assert all(one.low <= one.value <= one.high and one.surfaces == () for one in mine)
+    assert "thing height, thing 1" in sheet.to_csv()
+
+
+def test_a_thing_is_one_piece_of_furniture_in_ifc(room, tmp_path):
+    ifcopenshell = pytest.importorskip("ifcopenshell")
+    _, found = room
+    found.export(tmp_path / "room.ifc")
+    model = ifcopenshell.open(tmp_path / "room.ifc")
+    furniture = model.by_type("IfcFurniture")
+    assert [one.Name for one in furniture] == ["Thing 1", "Thing 2"]
+    taken = {number + 1 for one in found.things for number in one.thing.surfaces}
+    assert taken
+    for proxy in model.by_type("IfcBuildingElementProxy"):  # none of their surfaces is there twice
+        assert not taken & {int(number) for number in proxy.Tag.split("-")}
+    for entity, one in zip(furniture, found.things, strict=True):
+        (shape,) = entity.Representation.Representations
+        assert sum(len(item.CoordIndex) for item in shape.Items) == len(one.back.shape.faces)
+        styles = {style.Styles[0].Name for item in shape.Items for style in item.StyledByItem}
+        assert styles == {("measured", "inferred", "unknown")[k] for k in np.unique(one.face_states)}
+
+
+def test_drawings_have_outlines_of_things(room):
+    _, found = room
+    building = found.building()
+    drum = max(building.model.things, key=lambda one: one.vertices[:, 0].mean())
+    assert {state for state, _ in drum.outline} == {"measured"}  # its top was seen
+    centres = drum.vertices[drum.faces].mean(axis=1)
+    is_top = centres[:, 2] > 0.55
+    state = np.where(is_top, 2, np.where(is_top | (centres[:, 0] > 3.15), 2, drum.state))
+    bare = replace(drum, state=state)
+    model = replace(building.model, things=(bare,))
+    text = svg_of(replace(building, model=model))
+    assert all(f'<path class="thing-{state}"' in text for state in ("measured", "inferred", "unknown"))
+    drawing = ezdxf.read(io.StringIO(dxf_of(model).decode()))
+    things = [one for one in drawing.modelspace() if one.dxf.layer.startswith("THING-")]
+    assert {one.dxf.layer for one in things} == {"THING-MEASURED", "THING-INFERRED", "THING-UNKNOWN"}
+    places = np.array([point[:2] for one in things for point in one.get_points()])
+    assert np.linalg.norm(places - [3.0, 2.4], axis=1) == pytest.approx(0.2, abs=0.02)
+    of = {state: np.concatenate([line for other, line in bare.outline if other == state]) for state in STATES}
+    assert of["inferred"][:, 1].mean() > 2.4 + 0.05 > 2.4 - 0.05 > of["measured"][:, 1].mean()
+    assert of["unknown"][:, 0].mean() > 3.1
+
+
+def test_a_sure_back_side_stands_in_for_a_view(room):
+    _, found = room
+    known = KnownSurfaces(found, 0.01)
+    back = np.array([[3.0, 2.6, 0.3], [3.0, 2.2, 0.3], [3.0, 2.6, 0.3], [3.0, 2.9, 0.3]])
+    normals = np.array([[0, 1.0, 0], [0, -1, 0], [0, 0, 1], [0, 1, 0]])
+    assert known.on_inferred(back, normals, 0.02).tolist() == [True, False, False, False]
+    vertices, faces, confidence = known.inferred_mesh()
+    assert len(faces) == len(confidence) > found.things[0].is_inferred.sum()
+    assert np.isfinite(vertices).all()
+    assert faces.max() < len(vertices)
