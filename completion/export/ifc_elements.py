@@ -27,9 +27,10 @@ from completion.export.building.faces import (
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
 from completion.export.building.parts import BuildingColumn, BuildingParts
+from completion.export.building.proxies import find_proxies
 from completion.export.building.rooms import bands, storey_at
 from completion.export.building.runs import segments_in_runs
-from completion.export.building.things import STATES, BuildingThing, find_things
+from completion.export.building.things import STATES, BuildingThing
 from completion.export.ifc_entities import Shapes
 from completion.export.ifc_products import (
     Hole,
@@ -424,7 +425,7 @@ def _others(parts: BuildingParts, shapes: Sequence[Shapes]) -> Iterator[tuple[in
         k = storey_at(parts.storeys, float(thing.vertices[:, 2].min()) + limits.LEAST_PART_M)
         yield k, furniture_product(shapes[k], thing)
         structure |= {*thing.surfaces}
-    for numbers in find_things(model, structure):
+    for numbers in find_proxies(model, structure):
         lowest = float(model.vertices[model.faces[np.isin(model.surface, numbers)]][..., 2].min())
         k = storey_at(parts.storeys, lowest + limits.LEAST_PART_M)
         yield k, thing_product(shapes[k], model, numbers)

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from completion.export.building.model import CylinderElement
+from completion.export.building.proxies import find_proxies
 from completion.export.building.runs import segments_in_runs
-from completion.export.building.things import find_things
 from tests.helpers.exchange_examples import box
 
 D = 0.05  # diameter of pipes
@@ -47,17 +47,17 @@ LEGS = [((x, y, 0), (x + 0.05, y + 0.05, 0.7)) for x in (0, 1.15) for y in (0, 0
 )
 def test_surfaces_that_touch_are_one_thing(boxes, sizes):
     model = model_of(*boxes)
-    assert [len(numbers) for numbers in find_things(model, ())] == sizes
+    assert [len(numbers) for numbers in find_proxies(model, ())] == sizes
 
 
 def test_structure_and_what_no_surface_explains_link_nothing():
     model = model_of(((0, 0, 0), (1, 1, 1)), ((0, 0, -0.1), (5, 5, 0)), ((2, 2, 0), (3, 3, 1)))
     floor = range(7, 13)
-    assert [len(numbers) for numbers in find_things(model, floor)] == [6, 6]
-    assert [len(numbers) for numbers in find_things(model, ())] == [18]
+    assert [len(numbers) for numbers in find_proxies(model, floor)] == [6, 6]
+    assert [len(numbers) for numbers in find_proxies(model, ())] == [18]
     rest = replace(model, surface=np.where(np.isin(model.surface, floor), 0, model.surface))
-    assert [len(numbers) for numbers in find_things(rest, ())] == [6, 6]
-    assert find_things(model, range(1, 19)) == ()
+    assert [len(numbers) for numbers in find_proxies(rest, ())] == [6, 6]
+    assert find_proxies(model, range(1, 19)) == ()
 
 
 def segments(*ends, diameter=D):
