@@ -87,40 +87,67 @@ def complete(
         # 1. Surfaces: observe, register, segment and merge.
         surfaces = find_surfaces(scans, options.of_surfaces, steps)
 
-        # 2. Continue: relate the surfaces, fit features, and extend each behind its occluders.
-        completed = continue_surfaces(surfaces, world_from_reference, options, steps)
-        patches, observations = completed.patches, surfaces.observations
+        # 2. All that follows from them.
+        return complete_surfaces(surfaces, world_from_reference, options, steps, seed=seed)
 
-        # 3. Back sides, on request: separate what stands in the room, and close each thing by its symmetries.
-        things = (
-            close_things(
-                patches, completed.scans, completed.room, completed.up,
-                world_from_reference=world_from_reference, options=options.backs, steps=steps,
-            )
-            if options.backs is not None
-            else ()
-        )  # fmt: skip
 
-        # 4. Texture: continue the colour of each surface over its inferred part.
-        texturing = choose_search(options.texturing, patches if options.texture else (), observations)
+def complete_surfaces(
+    surfaces: ScanSurfaces,
+    world_from_reference: Pose,
+    options: CompletionOptions,
+    steps: Steps,
+    *,
+    seed: int,
+) -> Completion:
+    """Complete the surfaces of scans: what `complete` does once these were found.
 
-        def texture_surface(index: int) -> ChartTexture | None:
-            return texture_patch(patches[index], observations, texturing, seed + index)
+    Parameters
+    ----------
+    surfaces : ScanSurfaces
+        Of `find_surfaces`, working frame.
+    world_from_reference : Pose
+        From the working frame to the world.
+    options : CompletionOptions
+        What to do; `options.of_surfaces` are those that the surfaces were found with.
+    steps : Steps
+        Where to run.
+    seed : int
+        Of the texture.
+    """
+    # 1. Continue: relate the surfaces, fit features, and extend each behind its occluders.
+    completed = continue_surfaces(surfaces, world_from_reference, options, steps)
+    patches, observations = completed.patches, surfaces.observations
 
-        textures = steps.each("texture", texture_surface, range(len(patches))) if options.texture else []
-
-        # 5. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
-        bundles = [steps.keep(bundle(seen)) for seen in observations]
-        audits = steps.each("audit", lambda patch: _audit_patch(patch, completed.scans, bundles), patches)
-
-        # 6. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
-        flat = options.flattening
-        pairs = [] if flat is None else list(zip(observations, completed.scans.owners, strict=True))
-        flattened = (
-            steps.each("flatten", lambda pair: flatten_scan(*pair, patches, flat, seed), pairs)
-            if flat is not None
-            else []
+    # 2. Back sides, on request: separate what stands in the room, and close each thing by its symmetries.
+    things = (
+        close_things(
+            patches, completed.scans, completed.room, completed.up,
+            world_from_reference=world_from_reference, options=options.backs, steps=steps,
         )
+        if options.backs is not None
+        else ()
+    )  # fmt: skip
+
+    # 3. Texture: continue the colour of each surface over its inferred part.
+    texturing = choose_search(options.texturing, patches if options.texture else (), observations)
+
+    def texture_surface(index: int) -> ChartTexture | None:
+        return texture_patch(patches[index], observations, texturing, seed + index)
+
+    textures = steps.each("texture", texture_surface, range(len(patches))) if options.texture else []
+
+    # 4. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
+    bundles = [steps.keep(bundle(seen)) for seen in observations]
+    audits = steps.each("audit", lambda patch: _audit_patch(patch, completed.scans, bundles), patches)
+
+    # 5. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
+    flat = options.flattening
+    pairs = [] if flat is None else list(zip(observations, completed.scans.owners, strict=True))
+    flattened = (
+        steps.each("flatten", lambda pair: flatten_scan(*pair, patches, flat, seed), pairs)
+        if flat is not None
+        else []
+    )
     return Completion(
         measured_surfaces=surfaces,
         completed=completed,

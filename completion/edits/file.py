@@ -52,14 +52,20 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
     """
     file = Path(path)
     with guard_reading(file, "a file of edits (JSON)"):
-        held = read_json(file, dict)
-        if not isinstance(held.get("edits"), list):
-            raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')
-        anchors = anchors_of(held.get("surfaces", []))
-        return tuple(
-            _edit(edit, anchors, f"{file}: edit {number}")
-            for number, edit in enumerate(held["edits"], start=1)
-        )
+        return edits_of(read_json(file, dict), str(file))
+
+
+def edits_of(held: Mapping[str, Any], source: str) -> tuple[Edit, ...]:
+    """Return the edits of such an object, in order; `source` is what messages call it.
+
+    Raises InputError: it is none; the message says which edit, counted from 1, and the cure.
+    """
+    if not isinstance(held.get("edits"), list):
+        raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')
+    anchors = anchors_of(held.get("surfaces", []))
+    return tuple(
+        _edit(edit, anchors, f"{source}: edit {number}") for number, edit in enumerate(held["edits"], start=1)
+    )
 
 
 def edit_record(edit: Edit) -> dict[str, Any]:

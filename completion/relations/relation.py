@@ -203,12 +203,20 @@ def read_scan_relations(path: str | PathLike[str]) -> tuple[StatedRelation[Ancho
 
     Raises InputError: not such a file; the message names the file, the relation and the cure.
     """
+    return _read(path, _anchors_in)
 
-    def anchors_in(held: Mapping[str, Any]) -> Callable[[object, str], Anchor]:
-        anchors = anchors_of(held.get("surfaces", []))
-        return lambda name, source: named_anchor(name, anchors, source)
 
-    return _read(path, anchors_in)
+def scan_relations_of(held: Mapping[str, Any], source: str) -> tuple[StatedRelation[Anchor], ...]:
+    """Return the relations of such an object; `source` is what messages call it.
+
+    Raises InputError: it is none; the message says which relation, counted from 1, and the cure.
+    """
+    return _relations_of(held, source, _anchors_in)
+
+
+def _anchors_in(held: Mapping[str, Any]) -> Callable[[object, str], Anchor]:
+    anchors = anchors_of(held.get("surfaces", []))
+    return lambda name, source: named_anchor(name, anchors, source)
 
 
 def read_part_relations(path: str | PathLike[str]) -> tuple[StatedRelation[int], ...]:
@@ -237,15 +245,23 @@ def _read(
             raise InputError(f'its format is {document["format"]!r}; write "format": "{FORMAT}"')
         if document.get("units", "m") != "m":
             raise InputError(f'its units are {document["units"]!r}; values are in metres: write "units": "m"')
-        relations = document.get("relations")
-        if not isinstance(relations, list):
-            raise InputError('holds no list "relations"; write [{"type": "parallel", "surfaces": [1, 2]}]')
-        name = naming(document)
-        every = [
-            _parse_relation(relation, name, f"{file}: relation {number}")
-            for number, relation in enumerate(relations, start=1)
-        ]
-        return tuple(relation for relation in every if relation is not None)
+        return _relations_of(document, str(file), naming)
+
+
+def _relations_of(
+    document: Mapping[str, Any],
+    source: str,
+    naming: Callable[[Mapping[str, Any]], Callable[[object, str], _Named]],
+) -> tuple[StatedRelation[_Named], ...]:
+    relations = document.get("relations")
+    if not isinstance(relations, list):
+        raise InputError('holds no list "relations"; write [{"type": "parallel", "surfaces": [1, 2]}]')
+    name = naming(document)
+    every = [
+        _parse_relation(relation, name, f"{source}: relation {number}")
+        for number, relation in enumerate(relations, start=1)
+    ]
+    return tuple(relation for relation in every if relation is not None)
 
 
 def _parse_relation(

@@ -21,24 +21,35 @@ FLAGS = (
     "--headless", "--no-sandbox", "--remote-debugging-pipe", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--disable-background-networking", "--disable-component-update",
     "--disable-default-apps", "--disable-extensions", "--disable-sync", "--no-first-run", "--hide-scrollbars",
-    "--disable-dev-shm-usage", "--proxy-server=127.0.0.1:9", "--host-resolver-rules=MAP * ~NOTFOUND",
-    "--force-color-profile=srgb", "--mute-audio",
+    "--disable-dev-shm-usage", "--force-color-profile=srgb", "--mute-audio",
 )  # fmt: skip
 
+OFFLINE = ("--proxy-server=127.0.0.1:9", "--host-resolver-rules=MAP * ~NOTFOUND")
+LOOPBACK = ("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",)
 PATIENCE_S = 20
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
 
 class Browser:
-    """One browser; `open` gives its pages."""
+    """One browser; `open` gives its pages. It reaches nothing, or servers on this machine if asked."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, network=OFFLINE):
         to_browser, from_here = _pipe()
         from_browser, to_here = _pipe()
         # bash gives the browser its ends as 3 and 4, where it looks for them
         line = f'exec "$@" 3<&{to_browser} 4>&{to_here}'
         self._process = subprocess.Popen(
-            ["bash", "-c", line, "bash", CHROMIUM, *FLAGS, f"--user-data-dir={folder}", "about:blank"],
+            [
+                "bash",
+                "-c",
+                line,
+                "bash",
+                CHROMIUM,
+                *FLAGS,
+                *network,
+                f"--user-data-dir={folder}",
+                "about:blank",
+            ],
             pass_fds=(to_browser, to_here),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -72,8 +83,9 @@ class Browser:
         return json.loads(message)
 
     def open(self, path, width=1280, height=900, *, before="", scripts=True, **features):
-        """Open a file in a page of its own; `before` runs ahead of its scripts, if it has any at all."""
-        return Tab(self, Path(path), width, height, features, before, scripts)
+        """Open a file or an address in a page of its own; `before` runs ahead of its scripts, if it has any at all."""
+        url = path if str(path).startswith("http://127.0.0.1:") else Path(path).resolve().as_uri()
+        return Tab(self, url, width, height, features, before, scripts)
 
     def close(self):
         """End the browser."""
@@ -89,7 +101,7 @@ class Browser:
 class Tab:
     """An open page."""
 
-    def __init__(self, browser, path, width, height, features, before, scripts):
+    def __init__(self, browser, url, width, height, features, before, scripts):
         self._browser, start = browser, len(browser.events)
         target = browser.call("Target.createTarget", url="about:blank")["targetId"]
         attached = browser.call("Target.attachToTarget", targetId=target, flatten=True)
@@ -109,7 +121,8 @@ class Tab:
         if before:
             self.call("Page.addScriptToEvaluateOnNewDocument", source=before)
         self.call("Emulation.setScriptExecutionDisabled", value=not scripts)
-        self.call("Page.navigate", url=path.resolve().as_uri())
+        self._own = url if url.startswith("http") else "file:"
+        self.call("Page.navigate", url=url)
         while self.run("document.readyState") != "complete":
             time.sleep(0.01)
 
@@ -175,7 +188,7 @@ class Tab:
         Path(path).write_bytes(base64.b64decode(data))
 
     def complaints(self):
-        """What the console has said, and requests for anything but the file itself and data within it."""
+        """What the console has said, and requests for anything but the page itself, what is below it, and data within it."""
         found = []
         for event in self._browser.events[self._start :]:
             if event.get("sessionId") != self._session:
@@ -189,7 +202,7 @@ class Tab:
                 found.append(what["entry"]["text"])
             elif method == "Network.requestWillBeSent":
                 url = what["request"]["url"]
-                if not url.startswith(("file:", "data:", "blob:")):
+                if not url.startswith((self._own, "data:", "blob:")):
                     found.append(f"request for {url}")
         return found
 

@@ -203,7 +203,7 @@ class Page:
             page=self,
             options=rows,
             versions=versions(),
-            colours=_colours(),
+            colours=state_colours(),
             script=Markup(script),
             style=Markup(style_of(has_view=self.has_view)),
             policy=policy(script),
@@ -240,7 +240,8 @@ def plain_text(value: Any) -> str:
     return str(value)
 
 
-def _colours() -> dict[str, str]:
+def state_colours() -> dict[str, str]:
+    """Return the colours of states and verdicts by name, as `#rrggbb`."""
     pairs = (("measured", MEASURED), ("modelled", MODELLED), ("inferred", INFERRED), ("unknown", UNKNOWN))
     states = {name: "#" + "".join(f"{round(255 * part):02x}" for part in rgb) for name, rgb in pairs}
     return states | {name.replace(" ", "-"): colour for name, colour in VERDICT_COLOURS.items()}
@@ -259,19 +260,23 @@ def _environment() -> Environment:
 
 
 _TABLES = ("filtering", "sorting")
-_VIEW = (
+VIEW_PARTS = (
     "decoding", "camera", "painting", "picking", "drawing", "panel", "gestures", "stations", "viewer",
-    "start",
 )  # fmt: skip
+"""Parts of the script that draw a 3-D view."""
 
 
 @cache
 def script_of(*, has_view: bool) -> str:
     """Return the page's script: sorted and filtered tables, and the 3-D view where there is one."""
-    names = (*_TABLES, *(_VIEW if has_view else ()))
+    return joined_script((*_TABLES, *((*VIEW_PARTS, "start") if has_view else ())))
+
+
+def joined_script(names: Sequence[str], more: str = "") -> str:
+    """Return parts of the page's script by name, then `more`, as one that leaves no names behind."""
     folder = resources.files("nbv.report") / "templates"
     parts = [(folder / f"{name}.js").read_text(encoding="utf-8") for name in names]
-    return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();\n"
+    return '(() => {\n"use strict";\n' + "\n".join([*parts, *([more] if more else [])]) + "})();\n"
 
 
 @cache

@@ -179,7 +179,7 @@ def completion_view(
         ),
     )
     outlines = [world.apply(hole.points) for surface in completion.surfaces for hole in surface.openings]
-    names = _names(completion)
+    names = surface_names(completion)
     most_sd = max(float(pieces.sd.max(initial=0)) for _, _, pieces in groups)
     layers = [
         _layer(key, label, pieces, names=names, most_sd=most_sd, atlas=atlas, scans=scans)
@@ -317,7 +317,7 @@ def _layer(
     )
 
 
-def _names(completion: CompletedModel) -> tuple[Category, ...]:
+def surface_names(completion: CompletedModel) -> tuple[Category, ...]:
     """The surfaces by number, 0 for what belongs to none, in the colours of the tables."""
     kinds = [patch.source.fit.surface.kind for patch in completion.patches]
     named = (Category(f"{k} {kind}", surface_rgb(k)) for k, kind in enumerate(kinds, start=1))

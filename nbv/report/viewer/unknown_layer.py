@@ -5,10 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.boundary.meshing import ChartMesh, mesh_cells
-from completion.evidence.evidence import Label
-from completion.extension.patch import Patch
 from completion.result.completed_model import CompletedModel
+from completion.result.unknown import unknown_part
 from nbv.report.figures import picture
 from nbv.report.viewer.layers import Category, Classes, Layer
 
@@ -36,13 +34,3 @@ def unknown_layer(completion: CompletedModel, names: tuple[Category, ...]) -> La
         channels=(Classes("state", "State", STATES, state), Classes("surface", "Surface", names, number)),
         is_framed=False,
     )
-
-
-def unknown_part(patch: Patch) -> ChartMesh:
-    """Return the hidden cells of a surface that were neither measured nor inferred, as a mesh.
-
-    Something nearer stood before them, and no beam passed: the surface may go on there.
-    """
-    hidden = np.isin(patch.evidence.labels, (Label.OCCLUDED, Label.UNLIT)) & ~patch.evidence.through
-    unknown = hidden & patch.is_within & ~patch.observed & ~patch.hypothesised
-    return mesh_cells(patch.grid, unknown, patch.limits.cuts, merged=True)

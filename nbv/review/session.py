@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: MIT
+"""Review session: what a person says of a completion, one statement after the other, and what follows.
+
+A statement is an edit or a relation as `--edits` and `--relations` read them. It is tried first: the
+completion is made again from the surfaces of the scans, which no statement changes, and compared with the one
+before. What is taken is kept in a file at once, so that a server that was killed goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from completion.edits.file import edits_of
+from completion.merging.scan_surfaces import ScanSurfaces
+from completion.options import CompletionOptions
+from completion.pipeline import complete_surfaces
+from completion.relations.relation import scan_relations_of
+from completion.result.completion import Completion
+from nbv.review.consequence import Consequence, compare
+from scenes.checks import InputError
+from scenes.pose import Pose
+from scenes.run.atomic import write_json
+from scenes.run.journal import NO_JOURNAL
+from scenes.run.steps import Steps
+
+Statement = Mapping[str, Any]
+_KEPT = 6  # completions that are kept, so that undo and redo show at once
+
+
+def document_of(said: Sequence[Statement]) -> dict[str, Any]:
+    """Return the file that `--edits` and `--relations` read, of statements in order."""
+    return {
+        "edits": [dict(one) for one in said if "do" in one],
+        "relations": [dict(one) for one in said if "do" not in one],
+    }
+
+
+@dataclass(slots=True, eq=False)
+class ReviewSession:
+    """What is said of a completion, and what it is by now.
+
+    Attributes
+    ----------
+    surfaces : ScanSurfaces
+        What the scans show, working frame; statements do not change it.
+    world_from_reference : Pose
+        From the working frame to the world.
+    options : CompletionOptions
+        Those that the completion was made with, without its edits and without texture.
+    file : Path
+        Where the history is kept.
+    said : list of Statement
+        What holds, in order.
+    undone : list of Statement
+        What was taken back, the last one last.
+    n_threads : int, optional
+        Threads; results do not depend on it.
+    """
+
+    surfaces: ScanSurfaces
+    world_from_reference: Pose
+    options: CompletionOptions
+    file: Path
+    said: list[Statement] = field(default_factory=list)
+    undone: list[Statement] = field(default_factory=list)
+    n_threads: int | None = None
+    version: int = 0
+    tried: tuple[Statement, Completion] | None = None
+    _known: dict[str, Completion] = field(default_factory=dict)
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def __post_init__(self) -> None:
+        """Go on with the history of an earlier session, if there is one."""
+        if self.file.exists():
+            held = json.loads(self.file.read_text("utf-8"))
+            self.said, self.undone = list(held["said"]), list(held["undone"])
+
+    @property
+    def completion(self) -> Completion:
+        """The completion as all that was said makes it."""
+        with self._lock:
+            return self._completed(self.said)
+
+    def try_out(self, statement: Statement) -> Consequence:
+        """Return what follows from a statement, which is not taken yet.
+
+        Raises
+        ------
+        InputError
+            It cannot be meant so: no such surface, a line off the surface, a relation of too few surfaces.
+        """
+        with self._lock:
+            start = time.perf_counter()
+            before = self.completion
+            after = self._completed([*self.said, statement])
+            self.tried = statement, after
+            found = compare(before, after, statement)
+            return replace(found, seconds=time.perf_counter() - start)
+
+    def take(self, statement: Statement) -> None:
+        """Take a statement: it holds from now on. Raises InputError as `try_out` does."""
+        with self._lock:
+            self._completed([*self.said, statement])
+            self._become([*self.said, statement], [])
+
+    def undo(self) -> None:
+        """Take the last statement back. Raises InputError: there is none."""
+        with self._lock:
+            if not self.said:
+                raise InputError("nothing to undo: nothing was said yet")
+            self._become(self.said[:-1], [*self.undone, self.said[-1]])
+
+    def redo(self) -> None:
+        """Let hold again what was taken back last. Raises InputError: nothing was."""
+        with self._lock:
+            if not self.undone:
+                raise InputError("nothing to redo: nothing was undone")
+            self._become([*self.said, self.undone[-1]], self.undone[:-1])
+
+    def _become(self, said: Sequence[Statement], undone: Sequence[Statement]) -> None:
+        write_json(self.file, {"said": [*said], "undone": [*undone]})
+        self.said, self.undone, self.tried = list(said), list(undone), None
+        self.version += 1
+
+    def _completed(self, said: Sequence[Statement]) -> Completion:
+        key = json.dumps(document_of(said), sort_keys=True)
+        if key not in self._known:
+            document = document_of(said)
+            stated = (*self.options.stated_relations, *scan_relations_of(document, "what you said"))
+            edits = edits_of(document, "what you said")
+            options = replace(self.options, edits=edits, stated_relations=stated)
+            sizes = [seen.scan.ranges.size for seen in self.surfaces.observations]
+            with Steps.over(sizes, self.n_threads, None, NO_JOURNAL) as steps:
+                made = complete_surfaces(self.surfaces, self.world_from_reference, options, steps, seed=0)
+            self._known[key] = made
+            while len(self._known) > _KEPT:
+                self._known.pop(next(iter(self._known)))
+        return self._known[key]
