@@ -29,7 +29,8 @@ from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
-from nbv.commands.options import CompleteOptions, Shared
+from nbv.commands.options.scans import CompleteOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request
@@ -48,10 +49,13 @@ def completion_options(asked: CompleteOptions) -> CompletionOptions:
     elif asked.features != "off":
         features = FeatureOptions(stated=tuple(read_features(asked.features)))
     return CompletionOptions(
-        **{entry.name: getattr(asked, entry.name) for entry in fields(UserOptions)},
+        **{
+            entry.name: getattr(asked, entry.name) for entry in fields(UserOptions) if entry.name != "texture"
+        },
+        texture=asked.has_texture,
         segmentation=SegmentationOptions(flatness_m=asked.flatness_m),
         evidence=EvidenceOptions(cell_m=asked.cell_m),
-        texturing=TexturingOptions(search=asked.search or "auto"),
+        texturing=TexturingOptions(search="auto" if asked.search == "off" else asked.search),
         edits=() if asked.edits is None else read_edits(asked.edits),
         relations=None if asked.relations == "off" else BUILT,
         stated_relations=tuple(entry for file in asked.stated for entry in read_scan_relations(file)),

@@ -28,7 +28,8 @@ from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile
 from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.relation import RelationStatus, StatedRelation, read_part_relations
-from nbv.commands.options import PartOptions, Shared
+from nbv.commands.options.shapes import PartOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
 from scenes.checks import InputError

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from nbv.commands.options import Shared
+from nbv.commands.options.shared import Shared
 
 if TYPE_CHECKING:
     from nbv.report.blocks.page import Page

@@ -12,7 +12,8 @@ from completion.registration.facets import count_agreement
 from completion.registration.pipeline import check_poses, register_scans
 from completion.registration.registered import Registered, registration_record
 from completion.registration.verdict import Verdict
-from nbv.commands.options import RegisterOptions, Shared
+from nbv.commands.options.scans import RegisterOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses, ups_of
