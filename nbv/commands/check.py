@@ -12,7 +12,8 @@ from typing import Any
 from completion.asbuilt.findings import VERDICTS, DesignCheck
 from completion.asbuilt.pipeline import CheckOptions
 from completion.asbuilt.placement import place_on_design
-from nbv.commands.options import CheckCommandOptions, Shared
+from nbv.commands.options.scans import CheckCommandOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from nbv.inspection.checking import (
     CheckedDesign,
@@ -42,7 +43,7 @@ def check_options(asked: CheckCommandOptions) -> CheckOptions:
     return CheckOptions(
         tolerance_m=asked.tolerances.get("", CheckOptions().tolerance_m),
         tolerances={pattern: value for pattern, value in asked.tolerances.items() if pattern},
-        registration=None if asked.registration is None else (asked.registration[0], asked.registration[1]),
+        registration=asked.registration,
         align=asked.align == "yes",
         only=asked.only,
         without=asked.without,

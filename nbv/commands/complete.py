@@ -11,6 +11,7 @@ import numpy as np
 
 from completion.backs.options import BackOptions
 from completion.edits.file import read_edits
+from completion.export.building.limits import LEAST_EXISTENCE, LEAST_MEASURED
 from completion.export.decisions import DecisionSheet
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.features.stated import read_features
@@ -29,15 +30,19 @@ from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
-from nbv.commands.options import CompleteOptions, Shared
+from nbv.commands.options.scans import CompleteOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
 from scenes.inclination import Up
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
+from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.run.journal import FileJournal
 from scenes.scan.range_image import RangeImage
+
+_MOST_SURFACES = 8  # that a line of the summary lists
 
 
 def completion_options(asked: CompleteOptions) -> CompletionOptions:
@@ -48,10 +53,13 @@ def completion_options(asked: CompleteOptions) -> CompletionOptions:
     elif asked.features != "off":
         features = FeatureOptions(stated=tuple(read_features(asked.features)))
     return CompletionOptions(
-        **{entry.name: getattr(asked, entry.name) for entry in fields(UserOptions)},
+        **{
+            entry.name: getattr(asked, entry.name) for entry in fields(UserOptions) if entry.name != "texture"
+        },
+        texture=asked.has_texture,
         segmentation=SegmentationOptions(flatness_m=asked.flatness_m),
         evidence=EvidenceOptions(cell_m=asked.cell_m),
-        texturing=TexturingOptions(search=asked.search or "auto"),
+        texturing=TexturingOptions(search="auto" if asked.search == "off" else asked.search),
         edits=() if asked.edits is None else read_edits(asked.edits),
         relations=None if asked.relations == "off" else BUILT,
         stated_relations=tuple(entry for file in asked.stated for entry in read_scan_relations(file)),
@@ -177,6 +185,7 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "surfaces": len(completion.patches),
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
+        "unknown_m2": unknown_m2(completion),
         "free_space_violation_m2": completion.free_space_violation_m2,
         "flatness_m": completion.flatness_m,
         "left_out": completion.choice.n_left_out,
@@ -186,6 +195,14 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         **_things_of(completion),
         **_poses_of(completion),
     }
+
+
+def unknown_m2(completion: Completion) -> float:
+    """Return the area of the surfaces that is hidden, neither measured nor inferred, square metres."""
+    from nbv.report.viewer.unknown_layer import unknown_part
+
+    parts = [unknown_part(patch) for patch in completion.patches]
+    return float(sum(triangle_areas(part.vertices[part.faces]).sum() for part in parts))
 
 
 def _things_of(completion: Completion) -> dict[str, Any]:
@@ -224,6 +241,7 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
     lines = [
         f"measured  {square_metres(observed)} m2 on {count(len(completion.patches), 'surface')}",
         f"inferred  {square_metres(inferred)} m2{share}",
+        f"unknown   {square_metres(unknown_m2(completion))} m2 hidden on these surfaces, and not inferred",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]
     if completion.choice.n_left_out:
@@ -299,7 +317,33 @@ def lines_of_decisions(decisions: DecisionSheet) -> list[str]:
         return []
     sentence = ", ".join(f"{word} {n}" for word, n in decisions.counts().items())
     doubt = f"; {decisions.told_doubt}" if decisions.told_doubt else ""
-    return [f"decisions {count(len(decisions.dimensions), 'dimension')} in decisions.csv: {sentence}{doubt}"]
+    first = f"decisions {count(len(decisions.dimensions), 'dimension')} in decisions.csv: {sentence}{doubt}"
+    return [first, *_lines_to_rely(decisions)]
+
+
+def _lines_to_rely(decisions: DecisionSheet) -> list[str]:
+    """What would make a dimension one to rely on: a wider tolerance, more measured surface, or a sure end."""
+    pairs = zip(decisions.dimensions, decisions.advice, strict=True)
+    others = [dimension for dimension, word in pairs if word != "rely"]
+    absent = [one for one in others if one.existence < LEAST_EXISTENCE]
+    hidden = [one for one in others if one not in absent and one.measured_share < LEAST_MEASURED]
+    needed = sorted(one.half / one.across_m for one in others if one not in absent and one not in hidden)
+    lines = []
+    if needed and np.isfinite(needed[0]):
+        nearest = f"--rely {_rounded_up(needed[0]):g}"
+        lines.append(f"rely on {len(needed)} more with a wider tolerance: {nearest} for the nearest")
+    for held, condition in ((hidden, "half of each is measured"), (absent, "their ends are seen")):
+        if held:
+            labels = sorted({label for one in held for label in one.surfaces})
+            listed = ", ".join(map(str, labels[:_MOST_SURFACES])) + ", ..." * (len(labels) > _MOST_SURFACES)
+            lines.append(f"rely on {len(held)} more once {condition}: scan surfaces {listed}")
+    return [f"{'':10}{line}" for line in lines]
+
+
+def _rounded_up(metres: float) -> float:
+    """Return a length at two digits that is no less, metres."""
+    digit = 10.0 ** (np.floor(np.log10(max(metres, 1e-6))) - 1)
+    return float(np.ceil(metres / digit) * digit)
 
 
 def _lines_of_poses(completion: Completion) -> list[str]:

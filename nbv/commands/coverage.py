@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from completion.options import CompletionOptions
 from completion.pipeline import complete
-from nbv.commands.options import CoverageOptions, Shared
+from nbv.commands.options.planning import CoverageOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from nbv.coverage.coverage import STATES, Coverage, VisibilityHistory
 from nbv.coverage.measurement import check_scans, measure_coverage, measure_scan_coverage
@@ -49,14 +50,12 @@ from scenes.world.scene import Scene
 
 def options_record(asked: CoverageOptions) -> dict[str, Any]:
     """Return the options for manifest and report; files by name."""
-    requirement = asked.requirement
     return {
         "plan": None if asked.plan is None else Path(asked.plan).name,
         **asked.request().options(),
         "register": asked.register,
         "sensor": Path(asked.sensor).name,
-        "max_incidence_deg": requirement.max_incidence_deg,
-        "max_range_m": requirement.max_range_m,
+        **asdict(asked.requirement),
         "mode": asked.mode,
         "site": asdict(asked.site),
         "without": list(asked.without),

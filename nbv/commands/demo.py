@@ -10,7 +10,7 @@ from completion.observe.tiles import solve_plane
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from completion.texturing.pipeline import TexturingOptions
-from nbv.commands.options import DemoOptions, Shared
+from nbv.commands.options.shared import NoOptions, Shared
 from nbv.commands.plan import coverage_of
 from nbv.commands.process import start_run
 from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, write_plan_files
@@ -41,7 +41,7 @@ N_SCANS = 4  # that are completed
 TEXTURING = TexturingOptions(max_samples=12_000)  # less to search than by default: the demo is to be quick
 
 
-def run_demo(shared: Shared, _asked: DemoOptions | None = None) -> None:
+def run_demo(shared: Shared, _asked: NoOptions | None = None) -> None:
     """Plan views, complete the scans of a few of them, compare with the truth, and write everything."""
     with start_run("demo", shared, default="out/demo", is_folder=True) as run:
         run.read([f"builtin:{SCENE}"])

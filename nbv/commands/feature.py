@@ -15,7 +15,8 @@ from completion.features.engine.options import OPENINGS, read_given
 from completion.features.engine.template import Features, FeatureStatus, Measurements
 from completion.features.openings.recess import log_likelihoods
 from completion.features.pipeline import find_features, of_points
-from nbv.commands.options import FeatureCommandOptions, Shared
+from nbv.commands.options.shapes import FeatureCommandOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.inclination import Up

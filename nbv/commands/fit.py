@@ -17,7 +17,8 @@ from completion.fitting.result import FitError, SurfaceFit, inflated, surface_pa
 from completion.fitting.rounding import allow_for_rounding
 from completion.fitting.selection import Selection, select
 from completion.fitting.shape import Shape
-from nbv.commands.options import FitOptions, Shared
+from nbv.commands.options.shapes import FitOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import start_run
 from scenes.checks import InputError
 from scenes.io.point_files import PointCloud, read_points

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.options import InfoOptions, Shared
+from nbv.commands.options.shared import InfoOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.manifest import manifest_path
 from scenes.checks import InputError

@@ -28,7 +28,8 @@ from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile
 from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.relation import RelationStatus, StatedRelation, read_part_relations
-from nbv.commands.options import PartOptions, Shared
+from nbv.commands.options.shapes import PartOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
 from scenes.checks import InputError
@@ -190,6 +191,7 @@ def lines_of_dimensions(dimensions: PartDimensions, preferred: str) -> list[str]
     overall = " x ".join(value_text(row, has_interval=False) for row in dimensions.of_kind("overall size"))
     lines = [f"size       {overall or 'unknown'}; {count(len(rows), 'dimension')} in dimensions.csv"]
     lines += [f"{row.kind:11}{value_text(row)}" for row in rows if row.kind == "volume"]
+    lines += _lines_of_kinds(dimensions)
     probable = [row for row in rows if row.preferred is not None and row.preferred.probability >= IMPOSED]
     if preferred == "impose":
         imposed = sum(row.is_determined for row in probable)
@@ -198,6 +200,18 @@ def lines_of_dimensions(dimensions: PartDimensions, preferred: str) -> list[str]
         least = f"each with a probability of {100 * IMPOSED:g} % or more"
         lines.append(f"preferred  {count(len(probable), 'dimension')} at preferred values, {least}")
     return lines
+
+
+def _lines_of_kinds(dimensions: PartDimensions) -> list[str]:
+    """How many dimensions of which kind there are, and the least certain length."""
+    kinds = [row.kind for row in dimensions.rows if row.kind not in ("overall size", "volume", "area")]
+    if not kinds:
+        return []
+    text = ", ".join(count(kinds.count(kind), kind) for kind in dict.fromkeys(kinds))
+    lengths = [row for row in dimensions.rows if row.unit == "m" and row.kind in kinds]
+    least = max(lengths, key=lambda row: row.high - row.low, default=None)
+    doubt = "" if least is None else f"; least certain: {least.kind} {value_text(least)}"
+    return [f"dimensions {text}{doubt}"]
 
 
 _PLURAL = {"boss": "bosses", "outer": "outer", "turned": "turned", "open": "open"}

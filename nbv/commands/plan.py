@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.options import PlanOptions, ReadOptions, Shared, record_of
+from nbv.commands.options.parsing import record_of
+from nbv.commands.options.planning import PlanOptions
+from nbv.commands.options.shared import ReadOptions, Shared
 from nbv.commands.process import Run, start_run
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
@@ -61,7 +63,7 @@ def options_record(asked: PlanOptions) -> dict[str, Any]:
     """Return the options for manifest and report; files by name."""
     record = record_of(
         asked,
-        files=("sensor", "candidates", "plan"),
+        files=("sensor", "candidates", "before"),
         without=("scene", "scans", "site", "scheduler", *(entry.name for entry in fields(ReadOptions))),
     )
     scans = asked.request().options()
@@ -258,7 +260,7 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
         given = read_request(scan_request)
-        predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
+        predictions = _earlier_predictions(before, given.scans, is_asked_for=request.before is not None)
         upright = UprightScans.of(given.scans, Up.along(scan_request.up), n_threads=shared.threads)
         doubts = upright.doubts("plan.json")
         run.warn([*given.doubts, *doubts])
@@ -307,8 +309,8 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
 
 def _earlier_plan(request: PlanOptions, out: Path) -> Path | None:
     """Return the plan that was made after fewer scans: the one that is given, or that in the folder."""
-    if request.plan is not None:
-        return Path(request.plan)
+    if request.before is not None:
+        return Path(request.before)
     left = out / "plan.json"
     return left if left.is_file() else None
 

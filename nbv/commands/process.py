@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from nbv.commands.options import Shared
+from nbv.commands.options.shared import Shared
+from nbv.commands.progress import Progress, shown_progress
 
 if TYPE_CHECKING:
     from nbv.report.blocks.page import Page
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from scenes.run.atomic import Stage
     from scenes.run.journal import FileJournal
 
-Progress = Callable[[str, int, int], None]
 _NOT_ENOUGH = "not enough memory for this input; use a smaller one, coarser options, or a larger limit"
 _JOURNAL = ".journal"  # in the output folder, of a run that is not finished
 
@@ -154,13 +153,14 @@ def start_run(
         with ExitStack() as held:
             held.enter_context(limits(**shared.limits))
             held.enter_context(interruptible(command))
+            hidden = shared.quiet or shared.as_json
+            progress = held.enter_context(shown_progress(command, watch, hidden=hidden))
             if shared.max_memory is not None:
                 _take_linear_algebra_buffers()
                 held.enter_context(memory_limit(shared.max_memory, enforced=True))
             if writes:
                 held.enter_context(hold_lock(folder, name))
                 held.enter_context(stage)
-            progress = held.enter_context(progress_bars(watch, hidden=shared.quiet or shared.as_json))
             yield Run(
                 command=command,
                 shared=shared,
@@ -239,42 +239,6 @@ def _remove_traces(out: Path, *, is_folder: bool, is_new: bool) -> None:
     if is_folder and is_new:
         with suppress(OSError):  # not empty, or never made
             out.rmdir()
-
-
-@contextmanager
-def progress_bars(watch: Stopwatch, *, hidden: bool) -> Iterator[Progress]:
-    """Yield a callback that times stages and draws them on stderr, unless hidden or no terminal is there."""
-    if hidden or not sys.stderr.isatty():
-        yield lambda stage, _done, _total: watch.enter(stage)
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bars
-
-    columns = (
-        TextColumn("{task.description:<18}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
-
-        def tell(stage: str, done: int, total: int) -> None:
-            watch.enter(stage)
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield tell
 
 
 class Interruption(KeyboardInterrupt):

@@ -8,14 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from completion.registration.facets import count_agreement
 from completion.registration.pipeline import check_poses, register_scans
-from completion.registration.registered import Registered, registration_record
+from completion.registration.registered import PairVerdict, Registered, registration_record
 from completion.registration.verdict import Verdict
-from nbv.commands.options import RegisterOptions, Shared
+from nbv.commands.options.scans import RegisterOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
-from nbv.scans.registering import copies_of, copies_told, doubts_of_poses, ups_of
+from nbv.scans.registering import copies_of, copies_told, doubts_of_poses, pose_deviations, ups_of
 from scenes.inclination import Up
 from scenes.io.formats.format import written_suffixes
 from scenes.io.scan_files import split_index, write_scan, write_scans
@@ -74,11 +77,14 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
 def summary_of(registration: Registered) -> dict[str, Any]:
     """Return the headline numbers."""
     verdicts = [pair.verdict for pair in registration.pairs]
+    placed = [scan for group in registration.groups for scan in list(group.group.poses)[1:]]
+    deviations = pose_deviations(registration, placed)
     return {
         "scans": len(registration.views),
         "groups": [list(group.group.poses) for group in registration.groups],
         "by_themselves": [k for k in range(len(registration.views)) if registration.group_of(k) is None],
         "pairs": {verdict.value: verdicts.count(verdict) for verdict in Verdict},
+        "largest_deviation_m": max((shift for shift, _ in deviations.values()), default=None),
         "most_contradicted": max((pair.violations for pair in registration.pairs), default=0.0),
     }
 
@@ -86,12 +92,10 @@ def summary_of(registration: Registered) -> dict[str, Any]:
 def lines_of(registration: Registered, names: Sequence[str]) -> list[str]:
     """Return the headline numbers for people."""
     if registration.level is None:
-        worst = max(registration.pairs, key=lambda verdict: verdict.violations)
-        first, second = (Path(names[number]).name for number in worst.scans)
         held = sum(pair.verdict is Verdict.REGISTERED for pair in registration.pairs)
         return [
             f"poses      beams hardly contradict {held} of {count(len(registration.pairs), 'pair', 'pairs')}",
-            f"worst      {first} and {second}: {100 * worst.violations:.1f} % contradicted",
+            *_line_of_contradiction(registration.pairs, names),
         ]
     lines = [
         f"group {number + 1}    {count(len(group.group.poses), 'scan', 'scans')}: "
@@ -99,7 +103,27 @@ def lines_of(registration: Registered, names: Sequence[str]) -> list[str]:
         for number, group in enumerate(registration.groups)
     ]
     alone = [Path(names[k]).name for k in range(len(names)) if registration.group_of(k) is None]
-    return lines + ([f"alone      {', '.join(alone)}"] if alone else [])
+    lines += [f"alone      {', '.join(alone)}"] if alone else []
+    placed = [scan for group in registration.groups for scan in list(group.group.poses)[1:]]
+    deviations = pose_deviations(registration, placed)
+    if deviations:
+        scan = max(deviations, key=lambda one: deviations[one])
+        turn = max(turn for _, turn in deviations.values())
+        lines.append(
+            f"deviation  standard deviation of a pose: {1000 * deviations[scan][0]:.2g} mm at most "
+            f"({Path(names[scan]).name}), {np.degrees(turn):.2g} deg at most"
+        )
+    within = [pair for pair in registration.pairs if pair.verdict is Verdict.REGISTERED]
+    return lines + _line_of_contradiction(within, names)
+
+
+def _line_of_contradiction(pairs: Sequence[PairVerdict], names: Sequence[str]) -> list[str]:
+    """Return the pair whose beams contradict each other most; nothing where there is none."""
+    if not pairs:
+        return []
+    worst = max(pairs, key=lambda pair: pair.violations)
+    first, second = (Path(names[number]).name for number in worst.scans)
+    return [f"worst      {first} and {second}: {100 * worst.violations:.1f} % contradicted"]
 
 
 def _write_posed(folder: Path, given: GivenScans, poses: Sequence[Pose | None]) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.options import ScanOptions, Shared
+from nbv.commands.options.planning import ScanOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from nbv.commands.scan_along import run_scan_along
 from nbv.run.wording import count

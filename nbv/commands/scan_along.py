@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.options import ScanOptions, Shared
+from nbv.commands.options.planning import ScanOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from nbv.run.wording import count, duration
 from nbv.scanning.motion import TrackErrors, read_track

@@ -7,7 +7,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from nbv.commands.options import Shared, StudyOptions
+from nbv.commands.options.planning import StudyOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import Run, start_run
 from nbv.report.figures.plots import on_white
 from nbv.report.scan_study_report import millimetres, scan_study_page

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from nbv.commands.options import Shared, TextureOptions
+from nbv.commands.options.scans import TextureOptions
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import start_run
 from scenes.checks import InputError
 from scenes.io.checks.image import open_image

@@ -19,14 +19,9 @@ from PIL import Image
 
 from completion.observe.tiles import solve_plane
 from nbv.commands.complete import run_complete
-from nbv.commands.options import (
-    CompleteOptions,
-    PlanOptions,
-    ScanOptions,
-    Shared,
-    TextureOptions,
-    WarmOptions,
-)
+from nbv.commands.options.planning import PlanOptions, ScanOptions
+from nbv.commands.options.scans import CompleteOptions, TextureOptions
+from nbv.commands.options.shared import NoOptions, Shared
 from nbv.commands.plan import run_plan
 from nbv.commands.process import start_run
 from nbv.commands.scan import run_scan
@@ -48,7 +43,7 @@ divergence_rad = 0.004
 """
 
 
-def run_warm(shared: Shared, _: WarmOptions) -> None:
+def run_warm(shared: Shared, _: NoOptions) -> None:
     """Compile what completion needs and what planning needs, side by side with two threads or more."""
     with start_run("warm", shared, default=os.devnull, is_folder=False, writes=False) as run:
         loop: Any = solve_plane

@@ -7,7 +7,7 @@ import hashlib
 import os
 import platform
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
@@ -112,13 +112,14 @@ def _file_record(path: Path) -> dict[str, Any]:
 
 @dataclass(slots=True, eq=False)
 class Stopwatch:
-    """Wall-clock times of a run: when it began, and how long its stages took."""
+    """Wall-clock times of a run: when it began, and how long its stages took; `heard` is told of each."""
 
     started: datetime = field(default_factory=lambda: datetime.now(UTC))
     _begin: float = field(default_factory=time.perf_counter)
     _stage: str = ""
     _stage_begin: float = 0.0
     stages: dict[str, float] = field(default_factory=dict)
+    heard: Callable[[str], None] | None = None
 
     def enter(self, stage: str) -> None:
         """Note that `stage` runs from now on; the same name again adds up."""
@@ -129,6 +130,8 @@ class Stopwatch:
             spent = self.stages.get(self._stage, 0.0) + now - self._stage_begin
             self.stages[self._stage] = round(spent, 3)
         self._stage, self._stage_begin = stage, now
+        if self.heard is not None and stage:
+            self.heard(stage)
 
     def record(self) -> dict[str, Any]:
         """Return the times for the manifest; the last stage ends now."""

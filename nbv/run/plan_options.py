@@ -63,7 +63,7 @@ class RequirementOptions:
     )
     registration_sd_m: float = option(
         "--registration-sd",
-        "Standard deviation of a station's position, for --max-sd.",
+        "Standard deviation of a pose: of a station's position, for --max-sd.",
         0.0,
         metavar="M",
         limits=NOT_NEGATIVE,
@@ -76,7 +76,11 @@ class RequirementOptions:
         limits=NOT_NEGATIVE,
     )
     k: int = option(
-        "--k", "Number of views that must each measure a point well enough.", 1, limits=NumberRange(least=1)
+        "--k",
+        "Number of views that must each measure a point well enough.",
+        1,
+        metavar="N",
+        limits=NumberRange(least=1),
     )
 
 
@@ -91,16 +95,22 @@ class SearchOptions:
         "nbv",
     )
     target: float = option(
-        "--target", "Fraction of the reachable area to measure.", 0.99, limits=NumberRange(above=0, most=1)
+        "--target",
+        "Fraction of the reachable area to measure.",
+        0.99,
+        metavar="FRACTION",
+        limits=NumberRange(above=0, most=1),
     )
     views: int | None = option(
-        "--views --stations", "Largest number of views; cover finds those that see most.", None,
+        "--views", "Largest number of views; cover finds those that see most.", None, metavar="N",
         limits=NumberRange(least=1),
     )  # fmt: skip
-    infer: bool = option("--infer", "Count surface that completion infers towards the target.", False)
+    infer: bool = option(
+        "--infer", "Complete the scans, too, and use what is inferred: it counts towards the target.", False
+    )
     overlap: float | None = option(
         "--overlap",
-        "cover: smallest shared fraction of two scans, so that all scans can be registered.",
+        "Smallest shared fraction of two scans, so that all can be registered: with --method cover.",
         None,
         metavar="FRACTION",
         shown="none",
@@ -108,14 +118,15 @@ class SearchOptions:
     )
     polish_steps: int = option(
         "--polish-steps",
-        "cover: largest number of swaps tried to save views; the search ends earlier if 1,500 swaps per view "
-        "find no smaller plan.",
+        "Largest number of swaps tried to save views: with --method cover; the search ends earlier if 1,500 "
+        "swaps per view find no smaller plan.",
         100_000,
+        metavar="N",
         limits=NOT_NEGATIVE,
     )
     time_budget_s: float | None = option(
         "--time-budget",
-        "cover: end the search after this time; results are then not repeatable.",
+        "End the search after this time: with --method cover; results are then not repeatable.",
         None,
         metavar="S",
         shown="none",
@@ -128,8 +139,8 @@ class PaceOptions:
     """The numbers of time on site; `nbv.plan.site_time.SitePace` explains them."""
 
     budget_min: float | None = option(
-        "--budget", "cover: time on site, like 2h; the plan within it that measures most.", None,
-        metavar="TIME", shown="none", limits=POSITIVE, parse=minutes,
+        "--budget", "Time on site, like 2h: with --method cover, the plan within it that measures most.",
+        None, metavar="TIME", shown="none", limits=POSITIVE, parse=minutes,
     )  # fmt: skip
     set_up_min: float = option(
         "--set-up", "Minutes to set the instrument up at a place.", 3.0, metavar="MIN", limits=NOT_NEGATIVE

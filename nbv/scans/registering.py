@@ -141,19 +141,30 @@ def without_copies(given: GivenScans) -> tuple[GivenScans, list[str]]:
     return given.pick(kept), sentences
 
 
+def pose_deviations(registration: Registered, scans: Sequence[int]) -> dict[int, tuple[float, float]]:
+    """Return by scan the standard deviation of its pose where it is largest: shift (metres), turn (radians).
+
+    Scans whose covariance is not known are left out.
+    """
+    deviations = {}
+    for scan in scans:
+        covariance = registration.covariance_of(scan)
+        if covariance is not None and np.isfinite(covariance).all():
+            shift, turn = (
+                float(np.sqrt(max(np.linalg.eigvalsh(covariance[part, part])[-1], 0.0)))
+                for part in (slice(3, 6), slice(0, 3))
+            )
+            deviations[scan] = shift, turn
+    return deviations
+
+
 def placement_told(registration: Registered, group: Network, names: Sequence[str]) -> str:
     """Return one sentence: which scans of a group were placed, how well, and what was left alone and why."""
     first, *others = group.group.poses
-    covariances = (registration.covariance_of(scan) for scan in others)
-    known = [
-        covariance for covariance in covariances if covariance is not None and np.isfinite(covariance).all()
-    ]
-    shifts, turns = (
-        [float(np.sqrt(max(np.linalg.eigvalsh(covariance[part, part])[-1], 0.0))) for covariance in known]
-        for part in (slice(3, 6), slice(0, 3))
-    )
+    deviations = pose_deviations(registration, others)
     sentence = f"placed    {count(len(others), 'scan')} to {names[first]}"
-    if known:
+    if deviations:
+        shifts, turns = np.transpose(list(deviations.values()))
         each = "its pose" if len(others) == 1 else "their poses"
         sentence += f", {each} with a standard deviation of {_range(np.multiply(shifts, 1000.0), 'mm')} and "
         sentence += _range(np.degrees(turns), "deg")

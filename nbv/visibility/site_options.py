@@ -30,7 +30,7 @@ def parse_rooms(text: str) -> Literal["all", "connected"] | tuple[int, ...]:
 
 def parse_start(text: str) -> tuple[float, ...]:
     """Return the two or three finite numbers of a text."""
-    start: tuple[float, ...] = numbers(3 if text.count(",") == 2 else 2)(text)
+    start: tuple[float, ...] = numbers(3 if len(numbers(0)(text)) == 3 else 2)(text)
     return start
 
 

@@ -52,6 +52,8 @@ class Option:
         Whether it may be given more than once.
     is_negated : bool
         Whether the flag sets the field to False.
+    section : str
+        Where help shows it: input, method, output or run.
     """
 
     help: str
@@ -62,6 +64,7 @@ class Option:
     parse: Parse | None = None
     is_repeated: bool = False
     is_negated: bool = False
+    section: str = "method"
 
 
 def option(flags: str, help: str, default: Any, **more: Any) -> Any:  # noqa: A002  # as typer calls it
@@ -114,22 +117,26 @@ def check_limits(options: Any) -> None:
 
 
 def numbers(n: int, *, above: float | None = None) -> Parse:
-    """Return a parser of `n` finite numbers with commas between them, of as many as there are for n = 0.
+    """Return a parser of `n` finite numbers with commas or spaces between, of as many as there are for n = 0.
 
     Examples
     --------
-    >>> numbers(3)("1,-2.5,3e1")
-    (1.0, -2.5, 30.0)
+    >>> numbers(3)("1,-2.5,3e1"), numbers(3)("1 1 1.6")
+    ((1.0, -2.5, 30.0), (1.0, 1.0, 1.6))
     """
 
     def parse(text: str) -> tuple[float, ...]:
-        wanted = n or text.count(",") + 1
+        parts = re.split(r"\s*[,;]\s*|\s+", text.strip(" ()[]"))
+        wanted = n or len(parts)
         try:
-            values = tuple(float(part) for part in text.split(","))
+            values = tuple(float(part) for part in parts)
         except ValueError:
             values = ()
         if len(values) != wanted or not all(math.isfinite(value) for value in values):
-            raise ValueError(f"{text!r} is not {wanted} finite numbers with commas between them")
+            example = ",".join(f"{1 + k / 2:g}" for k in range(wanted))
+            raise ValueError(
+                f"{text!r} is not {wanted} finite numbers with commas between them; write it like {example}"
+            )
         if above is not None and min(values) <= above:
             raise ValueError(f"every value must be above {above:g}, got {min(values):g}")
         return values

@@ -13,7 +13,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from nbv.commands.options import ScanFormat
+from nbv.commands.options.planning import ScanFormat
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.study import bulk

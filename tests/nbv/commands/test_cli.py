@@ -369,6 +369,12 @@ def test_coverage_of_scans(scan, tmp_path):
     found = json.loads(succeed("coverage", CHAIR, *arguments).stdout)
     assert found["stations"] == 1
     assert 0 < found["coverage"]["met"] < 1
+    for stricter in (("--k", 2), ("--min-density", 1e9), ("--max-sd", 1e-9, "--sensor", "kinect_v1")):
+        less = json.loads(succeed("coverage", CHAIR, *arguments, *stricter).stdout)
+        assert less["coverage"]["met"] == 0
+        assert json.loads((tmp_path / "manifest.json").read_text())["options"]["k"] == (
+            2 if "--k" in stricter else 1
+        )
 
 
 @pytest.fixture(scope="module")
@@ -451,9 +457,6 @@ def test_the_cells_and_the_search_are_told(scan, tmp_path, monkeypatch):
     assert all(surface["cell_m"] == pytest.approx(0.08, rel=0.1) for surface in planes)
     textured = [surface["texture"]["search"] for surface in surfaces if surface["texture"] is not None]
     assert set(textured) == {"budget"}
-    both = CliRunner().invoke(app, ["complete", str(scan), "--no-texture", "--texture", "exact"])
-    assert both.exit_code == 2
-    assert "give --texture or --no-texture, not both" in both.stderr
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ from completion.asbuilt.pipeline import CheckOptions
 from nbv.cli import app
 from nbv.commands import check as command
 from nbv.commands.check import check_options, lines_of, summary_of
-from nbv.commands.options import CheckCommandOptions
+from nbv.commands.options.scans import CheckCommandOptions
 from nbv.inspection.changes import changes_since
 from nbv.inspection.checking import CheckedDesign
 from nbv.inspection.record import check_record
@@ -136,7 +136,7 @@ def typed(monkeypatch):
 @pytest.mark.parametrize(("words", "field", "value"), [
     (("--tolerance", "0.02"), "tolerance_m", 0.02),
     (("--tolerance", "0.02", "--tolerance", "IfcDoor*=0.005"), "tolerances", {"IfcDoor*": 0.005}),
-    (("--registration", "0.004,0.01"), "registration", (0.004, 0.01)),
+    (("--registration-sd", "0.004,0.01"), "registration", (0.004, 0.01)),
     (("--align", "no"), "align", False),
     (("--only", "IfcWall*", "--only", "door"), "only", ("IfcWall*", "door")),
     (("--without", "door"), "without", ("door",)),
@@ -193,7 +193,7 @@ def test_unregistered_scans_are_placed_or_refused(folder, quick, tmp_path, monke
 @pytest.mark.parametrize(("words", "code", "cause"), [
     (("--tolerance", "-1"), 2, "is no tolerance above 0"),
     (("--tolerance", "IfcWall"), 2, "write 0.010, or IfcDoor*=0.005"),
-    (("--registration", "-1,0"), 2, "both are 0 or more"),
+    (("--registration-sd", "-1,0"), 2, "both 0 or more"),
     (("--register", "--poses", "p.txt"), 2, "leave --poses out"),
     (("--bcf", "4"), 2, "2.1"),
     (("--next", "0"), 2, "greater than or equal to 1"),

@@ -12,7 +12,7 @@ from completion.observe.user_options import UserOptions
 from completion.options import CompletionOptions
 from nbv.cli import COMMANDS, app
 from nbv.commands.complete import completion_options
-from nbv.commands.options import CompleteOptions
+from nbv.commands.options.scans import CompleteOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.run.plan_options import RequirementOptions, SearchOptions
 from nbv.study.spec import PlannerEntry, RequirementEntry
@@ -27,25 +27,26 @@ DOCUMENTED = {
     "plan": "method=nbv sensor=generic60 max-incidence=60.0 max-range min-density max-sd "
     "registration-sd=0.0 averaging-radius=0.0 k=1 target=0.99 views mode rooms=all without "
     "outdoors all-round heights spacing clearance=0.3 start several-heights candidates scans "
-    "intrinsics depth-scale poses origin plan region keep-out noise=none polish-steps=100000 "
-    "time-budget overlap infer scheduler trajectory up units=m stations budget set-up=3.0 scan-time "
+    "intrinsics depth-scale poses origin before region keep-out noise=none polish-steps=100000 "
+    "time-budget overlap infer scheduler trajectory up units=m budget set-up=3.0 scan-time "
     "walking-speed=1.0",
     "coverage": "plan scans register intrinsics depth-scale poses origin sensor=generic60 "
-    "max-incidence=60.0 max-range mode rooms=all without outdoors all-round heights spacing "
+    "max-incidence=60.0 max-range min-density max-sd registration-sd=0.0 averaging-radius=0.0 k=1 "
+    "mode rooms=all without outdoors all-round heights spacing "
     "clearance=0.3 inference=standard trajectory up units=m",
-    "check": "tolerance registration align=yes only without false-alarms=0.05 no-return=unknown infer next "
-    "sensor=generic60 loa before bcf=3.0 sigma register origin intrinsics depth-scale poses trajectory "
+    "check": "tolerance registration-sd align=yes only without false-alarms=0.05 no-return=unknown infer "
+    "next sensor=generic60 loa before bcf=3.0 sigma register origin intrinsics depth-scale poses trajectory "
     "units=m design-units up",
     "study": "part scheduler",
-    "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
-    "keep-poses register resolution origin edits relations=auto features=auto flatten backs least=0.8 "
-    "texture no-texture export export-units=m tolerance=0.01 observed=auto scheduler intrinsics "
+    "complete": "inference=standard sigma projector inferred-sd=0.02 flatness min-area kinds "
+    "registration-sd=0.005 keep-poses register resolution origin edits relations=auto features=auto "
+    "flatten backs least=0.8 texture=auto export export-units=m rely=0.01 observed=auto scheduler intrinsics "
     "depth-scale poses trajectory units=m up=auto",
     "texture": "mask grow window order=paper surface",
     "fit": "shape=auto metric=euclidean robust rays origin radius axis between export units=m",
-    "part": "relations=auto noise ignore-labels preferred=tell flatten export units=m",
+    "part": "relations=auto sigma ignore-labels preferred=tell flatten export units=m",
     "feature": "find given evaluations=200000 origin intrinsics depth-scale poses trajectory units=m up=auto",
-    "register": "upright start check level=0.01 origin intrinsics depth-scale units=m up=auto",
+    "register": "upright poses check level=0.01 origin intrinsics depth-scale units=m up=auto",
     "info": "up units=m intrinsics depth-scale trajectory",
     "warm": "",
 }

@@ -2,7 +2,7 @@
 """Options of `unseen plan` as they stand in manifest and report."""
 
 from nbv.commands.coverage import options_record as coverage_options_record
-from nbv.commands.options import CoverageOptions, PlanOptions
+from nbv.commands.options.planning import CoverageOptions, PlanOptions
 from nbv.commands.plan import options_record
 
 

@@ -22,7 +22,7 @@ from completion.pipeline import complete
 from examples.check_limits import commands, digests, run
 from nbv import plan_views, scan_scene
 from nbv.cli import app
-from nbv.commands.options import Shared
+from nbv.commands.options.shared import Shared
 from nbv.commands.process import start_run
 from nbv.commands.texture import texture_bytes
 from nbv.cover import dual
