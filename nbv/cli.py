@@ -242,6 +242,16 @@ COMMANDS = {
             "unseen complete scan.npz --inference conservative --texture off",
         ),
     ),
+    "review": Command(
+        scans.ReviewOptions,
+        "review:run_review",
+        "Correct a completion on a page that shows what follows.",
+        "Serve a page on this machine to correct a finished completion: say what you know, see what follows "
+        "from it, take it or not, save.",
+        ("unseen review out/completed",),
+        without=("out",),
+        idle=("seed",),
+    ),
     "texture": Command(
         scans.TextureOptions,
         "texture:run_texture",

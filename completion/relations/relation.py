@@ -214,6 +214,15 @@ def scan_relations_of(held: Mapping[str, Any], source: str) -> tuple[StatedRelat
     return _relations_of(held, source, _anchors_in)
 
 
+def relation_record(stated: StatedRelation[Anchor]) -> dict[str, Any]:
+    """Return a stated relation as files hold it, its surfaces named by points."""
+    places = [{"point": anchor.point.tolist(), "kind": anchor.kind} for anchor in stated.surfaces]
+    record: dict[str, Any] = {"type": stated.kind, "surfaces": places}
+    if stated.value is not None:
+        record["value"] = float(np.degrees(stated.value)) if stated.kind in _ANGLES else stated.value
+    return {**record, **({"forbidden": True} if stated.is_forbidden else {})}
+
+
 def _anchors_in(held: Mapping[str, Any]) -> Callable[[object, str], Anchor]:
     anchors = anchors_of(held.get("surfaces", []))
     return lambda name, source: named_anchor(name, anchors, source)

@@ -27,6 +27,7 @@ from completion.relations.relation import RelationStatus, read_scan_relations
 from completion.result.completion import Completion, write_model
 from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
+from completion.result.unknown import unknown_m2
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
@@ -38,7 +39,6 @@ from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
 from scenes.inclination import Up
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
-from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.run.journal import FileJournal
 from scenes.scan.range_image import RangeImage
 
@@ -78,7 +78,7 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
         run.watch.enter("load")
         run.read([*request.inputs, *how.files])
         journal = run.journal({**request.options(), **how.record()})
-        given, options, placement = _load_scans(run, shared, how, request, journal)
+        given, options, placement = load_scans(run, shared, how, request, journal)
         run.warn(given.doubts)
         asked = {**request.options(), "instruments": given.instruments, **how.record()}
         # Complete them
@@ -126,7 +126,7 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
         run.finish(resolved, summary, lines)
 
 
-def _load_scans(
+def load_scans(
     run: Run, shared: Shared, how: CompleteOptions, request: ScanRequest, journal: FileJournal
 ) -> tuple[GivenScans, CompletionOptions, list[str]]:
     """Return the scans, the options with what registration knows of their poses, and a line on it."""
@@ -185,7 +185,7 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "surfaces": len(completion.patches),
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
-        "unknown_m2": unknown_m2(completion),
+        "unknown_m2": sum(map(unknown_m2, completion.patches)),
         "free_space_violation_m2": completion.free_space_violation_m2,
         "flatness_m": completion.flatness_m,
         "left_out": completion.choice.n_left_out,
@@ -195,14 +195,6 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         **_things_of(completion),
         **_poses_of(completion),
     }
-
-
-def unknown_m2(completion: Completion) -> float:
-    """Return the area of the surfaces that is hidden, neither measured nor inferred, square metres."""
-    from nbv.report.viewer.unknown_layer import unknown_part
-
-    parts = [unknown_part(patch) for patch in completion.patches]
-    return float(sum(triangle_areas(part.vertices[part.faces]).sum() for part in parts))
 
 
 def _things_of(completion: Completion) -> dict[str, Any]:
@@ -238,10 +230,11 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
     """Return the headline numbers for people."""
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
+    unknown = sum(map(unknown_m2, completion.patches))
     lines = [
         f"measured  {square_metres(observed)} m2 on {count(len(completion.patches), 'surface')}",
         f"inferred  {square_metres(inferred)} m2{share}",
-        f"unknown   {square_metres(unknown_m2(completion))} m2 hidden on these surfaces, and not inferred",
+        f"unknown   {square_metres(unknown)} m2 hidden on these surfaces, and not inferred",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]
     if completion.choice.n_left_out:

@@ -83,7 +83,7 @@ class Browser:
         return json.loads(message)
 
     def open(self, path, width=1280, height=900, *, before="", scripts=True, **features):
-        """Open a file or an address in a page of its own; `before` runs ahead of its scripts, if it has any."""
+        """Open a file or an address in a page of its own; `before` runs ahead of its scripts, if any."""
         url = path if str(path).startswith("http://127.0.0.1:") else Path(path).resolve().as_uri()
         return Tab(self, url, width, height, features, before, scripts)
 
@@ -188,7 +188,7 @@ class Tab:
         Path(path).write_bytes(base64.b64decode(data))
 
     def complaints(self):
-        """What the console has said, and requests for anything but the page, what is below it, and its data."""
+        """What the console has said, and requests for anything but the page and what is below it."""
         found = []
         for event in self._browser.events[self._start :]:
             if event.get("sessionId") != self._session:

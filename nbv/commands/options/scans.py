@@ -27,6 +27,7 @@ from nbv.commands.options.shared import (
     output_option,
     register_option,
     relations_option,
+    run_option,
     scan_up_option,
     scheduler_option,
     sensor_option,
@@ -142,6 +143,19 @@ class CompleteOptions(UserOptions):
     def has_texture(self) -> bool:
         """Whether inferred area is textured."""
         return self.texture and self.search != "off"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ReviewOptions:
+    """A finished completion to correct."""
+
+    folder: str = argument("OUT", "Output folder of `unseen complete`.")
+    port: int = run_option(
+        "--port", "Port of the page on this machine.", 0, metavar="N", shown="any that is free",
+        limits=NumberRange(least=0, most=65535),
+    )  # fmt: skip
+    open: Literal["yes", "no"] = run_option("--open", "Open the page in the browser.", "yes")
+    sensor: str = sensor_option()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
