@@ -15,6 +15,7 @@ from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import apply_edits
 from completion.evidence.evidence import Scans
 from completion.extension.adjacency import find_adjacency
+from completion.extension.bounded import BoundedSurfaces
 from completion.extension.claims import Choice, is_chosen, numbered_anew, overlap_m2, settle_claims
 from completion.extension.extent import find_extent
 from completion.extension.features import extend_face, with_faces
@@ -98,6 +99,7 @@ def complete_surfaces(
     steps: Steps,
     *,
     seed: int,
+    bounded: BoundedSurfaces | None = None,
 ) -> Completion:
     """Complete the surfaces of scans: what `complete` does once these were found.
 
@@ -113,9 +115,12 @@ def complete_surfaces(
         Where to run.
     seed : int
         Of the texture.
+    bounded : BoundedSurfaces, optional
+        Of `bound_surfaces` with these surfaces and options, where it is at hand.
     """
     # 1. Continue: relate the surfaces, fit features, and extend each behind its occluders.
-    completed = continue_surfaces(surfaces, world_from_reference, options, steps)
+    bounded = bounded or bound_surfaces(surfaces, world_from_reference, options, steps)
+    completed = continue_surfaces(bounded, world_from_reference, options, steps)
     patches, observations = completed.patches, surfaces.observations
 
     # 2. Back sides, on request: separate what stands in the room, and close each thing by its symmetries.
@@ -161,10 +166,10 @@ def complete_surfaces(
     )
 
 
-def continue_surfaces(
+def bound_surfaces(
     scan_surfaces: ScanSurfaces, world_from_reference: Pose, options: CompletionOptions, steps: Steps
-) -> CompletedSurfaces:
-    """Continue the surfaces of scans behind their occluders.
+) -> BoundedSurfaces:
+    """Find what the surfaces of scans are to each other, and where each was seen to end.
 
     Parameters
     ----------
@@ -177,29 +182,60 @@ def continue_surfaces(
     steps : Steps
         Where to run.
     """
-    observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
-
     # 1. Room and relations: say what is up, and join pieces of one floor or wall; join and part as a person
     #    says; infer relations of surfaces, and impose them.
     across = Cue.MERGING in options.cues
-    stated_up, scan_surfaces = find_room(scan_surfaces, world_from_reference, options.up, across=across)
+    stated_up, joined = find_room(scan_surfaces, world_from_reference, options.up, across=across)
     here = stated_up.within(world_from_reference)
-    up = here.direction
-    related = _edit_and_relate(scan_surfaces, world_from_reference, options)
+    related = _edit_and_relate(joined, world_from_reference, options)
     surfaces = [edit.surface for edit in related.surfaces]
-    scans = scan_surfaces.evidence(steps, surfaces)
+    scans = joined.evidence(steps, surfaces)
 
     # 2. Features: fit doorways and windows whole, or take the openings, rows of holes and joints that a
-    #    person states; a known hole is no surface, and its reveals are surfaces of their own.
-    features = _features(surfaces, scans, world_from_reference, options.features, up=up, steps=steps)
-    known = with_features(related.surfaces, features)
-    faces = reveals_of(features, surfaces, observations, scans.owners, flatness_m)
+    #    person states.
+    features = _features(
+        surfaces, scans, world_from_reference, options.features, up=here.direction, steps=steps
+    )
 
     # 3. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
     boundaries = _find_boundaries(surfaces, scans, steps)
-    adjacency = find_adjacency(surfaces, boundaries, scans, here)
+    return BoundedSurfaces(
+        joined=joined,
+        up=stated_up,
+        related=related,
+        scans=scans,
+        features=features,
+        boundaries=boundaries,
+        adjacency=find_adjacency(surfaces, boundaries, scans, here),
+    )
 
-    # 4. Extend: continue each surface that is wanted as far as it may go and is probable.
+
+def continue_surfaces(
+    bounded: BoundedSurfaces, world_from_reference: Pose, options: CompletionOptions, steps: Steps
+) -> CompletedSurfaces:
+    """Continue surfaces behind their occluders.
+
+    Parameters
+    ----------
+    bounded : BoundedSurfaces
+        Of `bound_surfaces` with these options.
+    world_from_reference : Pose
+        From the working frame to the world.
+    options : CompletionOptions
+        What to do.
+    steps : Steps
+        Where to run.
+    """
+    related, scans, adjacency = bounded.related, bounded.scans, bounded.adjacency
+    observations, flatness_m = scans.observations, bounded.joined.tolerance.flatness_m
+    surfaces, boundaries = [edit.surface for edit in related.surfaces], bounded.boundaries
+    up = bounded.up.within(world_from_reference).direction
+
+    # 4. A known hole is no surface, and its reveals are surfaces of their own.
+    known = with_features(related.surfaces, bounded.features)
+    faces = reveals_of(bounded.features, surfaces, observations, scans.owners, flatness_m)
+
+    # 5. Extend: continue each surface that is wanted as far as it may go and is probable.
     def extend_surface(index: int) -> Patch | None:
         shape, role = surfaces[index].fit.surface, adjacency.room.role(index)
         if not related.surfaces[index].edits.actions and not is_chosen(shape, options.only, role):
@@ -218,7 +254,7 @@ def continue_surfaces(
 
     patches = steps.each("extend", extend_surface, range(len(surfaces)))
 
-    # 5. Faces: the same for the faces of features.
+    # 6. Faces: the same for the faces of features.
     with_reveals = with_faces(scans, faces, len(surfaces), steps.keep) if faces else scans
 
     def extend_reveal(index: int) -> Patch | None:
@@ -228,7 +264,7 @@ def continue_surfaces(
 
     reveals = steps.each("faces", extend_reveal, range(len(faces))) if faces else []
 
-    # 6. Claims: what is small stays as measured; where several claim a place, the most probable one has it.
+    # 7. Claims: what is small stays as measured; where several claim a place, the most probable one has it.
     choice = Choice.of(options.only, options.min_area_m2, patches)
     is_named = [bool(edit.edits.actions) for edit in related.surfaces] + [not choice.is_stated] * len(faces)
     every = [
@@ -244,11 +280,11 @@ def continue_surfaces(
         relations=related.inferred and related.inferred.renumber(is_kept[: len(surfaces)]),
         errors=errors.only(is_kept),
         room=adjacency.room,
-        features=tuple(features),
+        features=tuple(bounded.features),
         choice=replace(choice, n_left_out=len(every) - len(chosen)),
         mode=options.mode,
         edits=options.edits,
-        up=stated_up,
+        up=bounded.up,
     )
 
 
@@ -356,7 +392,8 @@ def complete_first(
     size = completion.measured_surfaces.observations[0].scan.ranges.size
     with Steps.over([size], n_threads, None, journal) as steps:
         alone = completion.measured_surfaces.first(plain.of_surfaces, steps)
-        return continue_surfaces(alone, completion.world_from_reference, plain, steps)
+        bounded = bound_surfaces(alone, completion.world_from_reference, plain, steps)
+        return continue_surfaces(bounded, completion.world_from_reference, plain, steps)
 
 
 def _audit_patch(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[ChartMesh, AuditResult]:

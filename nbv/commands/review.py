@@ -45,7 +45,7 @@ def run_review(shared: Shared, asked: ReviewOptions) -> None:
         folder = Path(asked.folder)
         run.watch.enter("load")
         how = restored(folder)
-        session = _open(run, shared, how, folder)
+        session = open_session(run, shared, how, folder)
         server = ReviewServer(
             session,
             how.request().title,
@@ -119,7 +119,7 @@ def _check_inputs(folder: Path, inputs: list[dict[str, Any]]) -> None:
             raise InputError(f"{entry['input']}: has changed since {folder} was made; complete it again")
 
 
-def _open(run: Run, shared: Shared, how: CompleteOptions, folder: Path) -> ReviewSession:
+def open_session(run: Run, shared: Shared, how: CompleteOptions, folder: Path) -> ReviewSession:
     """The session of a folder: the surfaces of its scans, found once and then remembered."""
     own = folder / _OWN
     make_folder(own)

@@ -11,25 +11,30 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from completion.edits.file import edits_of
+from completion.extension.bounded import BoundedSurfaces
 from completion.merging.scan_surfaces import ScanSurfaces
 from completion.options import CompletionOptions
-from completion.pipeline import complete_surfaces
+from completion.pipeline import bound_surfaces, complete_surfaces
 from completion.relations.relation import scan_relations_of
 from completion.result.completion import Completion
 from nbv.review.consequence import Consequence, compare
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
-from scenes.run.journal import NO_JOURNAL
+from scenes.run.journal import NO_JOURNAL, pack
 from scenes.run.steps import Steps
 
 Statement = Mapping[str, Any]
+_Held = TypeVar("_Held")
+_SHAPING = ("merge", "split")  # edits that make other surfaces
 _KEPT = 6  # completions that are kept, so that undo and redo show at once
 
 
@@ -73,6 +78,8 @@ class ReviewSession:
     version: int = 0
     tried: tuple[Statement, Completion] | None = None
     _known: dict[str, Completion] = field(default_factory=dict)
+    _bounded: dict[str, BoundedSurfaces] = field(default_factory=dict)
+    _extended: _Extended = field(default_factory=lambda: _Extended())
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
     def __post_init__(self) -> None:
@@ -137,8 +144,75 @@ class ReviewSession:
             options = replace(self.options, edits=edits, stated_relations=stated)
             sizes = [seen.scan.ranges.size for seen in self.surfaces.observations]
             with Steps.over(sizes, self.n_threads, None, NO_JOURNAL) as steps:
-                made = complete_surfaces(self.surfaces, self.world_from_reference, options, steps, seed=0)
-            self._known[key] = made
-            while len(self._known) > _KEPT:
-                self._known.pop(next(iter(self._known)))
+                bounded = self._bound(document, options, steps)
+                journal = self._extended.of(_shape_of(document), bounded)
+                made = complete_surfaces(
+                    self.surfaces, self.world_from_reference, options, replace(steps, journal=journal),
+                    seed=0, bounded=bounded,
+                )  # fmt: skip
+            _remember(self._known, key, made)
         return self._known[key]
+
+    def _bound(
+        self, document: Mapping[str, Any], options: CompletionOptions, steps: Steps
+    ) -> BoundedSurfaces:
+        """What is known before surfaces are continued: anew only where surfaces or relations are others."""
+        key = _shape_of(document)
+        if key not in self._bounded:
+            found = bound_surfaces(self.surfaces, self.world_from_reference, options, steps)
+            _remember(self._bounded, key, found)
+        return self._bounded[key].restated(options.edits, self.world_from_reference)
+
+
+def _shape_of(document: Mapping[str, Any]) -> str:
+    """What of a document makes other surfaces, or moves them."""
+    shaping = [one for one in document["edits"] if one.get("do") in _SHAPING]
+    return json.dumps([shaping, document["relations"]], sort_keys=True)
+
+
+@dataclass(slots=True, eq=False)
+class _Extended:
+    """Surfaces as they were continued before: one is continued anew only where its own edits are others.
+
+    It is a journal of steps in memory; `keys` are those of the surfaces that are continued now.
+    """
+
+    known: dict[str, Any] = field(default_factory=dict)
+    keys: list[str] = field(default_factory=list)
+    before: list[list[str]] = field(default_factory=list)
+
+    def of(self, shape: str, bounded: BoundedSurfaces) -> _Extended:
+        """Return it for these surfaces; forget what the last few completions had no use for."""
+        self.keys = []
+        for number, surface in enumerate(bounded.related.surfaces):
+            held = BytesIO()
+            pack(surface.edits, held)
+            self.keys.append(f"{number} {sha256(held.getvalue()).hexdigest()} {shape}")
+        self.before = [*self.before[1 - _KEPT :], self.keys]
+        used = {key for keys in self.before for key in keys}
+        self.known = {key: value for key, value in self.known.items() if key in used}
+        return self
+
+    def step(self, name: str, work: Callable[[], _Held]) -> _Held:
+        """Return what a step came to; all but those of single surfaces are done."""
+        stage, _, number = name.rpartition("-")
+        if stage != "extend":
+            return work()
+        key = self.keys[int(number) - 1]
+        if key not in self.known:
+            self.known[key] = work()
+        held: _Held = self.known[key]
+        return held
+
+    def turn(self, n_steps: int) -> Sequence[int]:  # noqa: ARG002 - nobody else does any
+        """Return nothing."""
+        return ()
+
+    def offer(self, name: str, work: Callable[[], object]) -> None:
+        """Do nothing: `step` will."""
+
+
+def _remember(known: dict[str, _Held], key: str, value: _Held) -> None:
+    known[key] = value
+    while len(known) > _KEPT:
+        known.pop(next(iter(known)))
