@@ -15,22 +15,18 @@ from typing import Any
 
 import typer
 
-from completion.edits.file import edit_record
-from completion.merging.scan_surfaces import find_surfaces
 from completion.observe.tiles import solve_plane
-from completion.relations.relation import relation_record
 from nbv.commands.complete import completion_options, load_scans, run_complete
 from nbv.commands.options.scans import CompleteOptions, ReviewOptions
 from nbv.commands.options.shared import ReadOptions, Shared
 from nbv.commands.process import Run, start_run
 from nbv.review.server import ReviewServer
-from nbv.review.session import ReviewSession, Statement, document_of
+from nbv.review.session import ReviewSession, document_of, open_scans
 from nbv.run.manifest import read_inputs
 from nbv.scanning.sensor_profile import load_sensor
 from scenes.checks import InputError
 from scenes.run.atomic import make_folder, write_json
 from scenes.run.journal import FileJournal
-from scenes.run.steps import Steps
 
 EDITS = "edits.json"
 """What was said, in the folder of the outputs: `--edits` and `--relations` of `complete` read it."""
@@ -91,7 +87,12 @@ def restored(folder: Path) -> CompleteOptions:
         values[name] = known[name] if known[name] in _WORDS else next(rest)
     values["search"] = known["search"] if known["texture"] else "off"
     read = {entry.name for entry in fields(ReadOptions)}
-    for name in ({entry.name for entry in fields(CompleteOptions)} | read) - {*values, "read", "scheduler"}:
+    for name in ({entry.name for entry in fields(CompleteOptions)} | read) - {
+        *values,
+        "read",
+        "scheduler",
+        "texture",
+    }:
         if name in known:
             values[name] = _tuples(known[name])
     return CompleteOptions(
@@ -123,33 +124,23 @@ def open_session(run: Run, shared: Shared, how: CompleteOptions, folder: Path) -
     """The session of a folder: the surfaces of its scans, found once and then remembered."""
     own = folder / _OWN
     make_folder(own)
-    history = own / "history.json"
-    if not history.exists():
-        write_json(history, {"said": first_statements(how), "undone": []})
     request, plain = how.request(), _plain(how)
     run.read(request.inputs)
     journal = FileJournal(own / "journal", run.key({**request.options(), **plain.record()}))
     run.will_call(solve_plane, 40)
     given, options, _ = load_scans(run, shared, plain, request, journal)
     run.warn(given.doubts)
-    options = replace(options, texture=False, flattening=None)
-    sizes = [scan.ranges.size for scan in given.scans]
-    with Steps.over(sizes, shared.threads, run.progress, journal) as steps:
-        surfaces = find_surfaces(list(given.scans), options.of_surfaces, steps)
-    pose = given.scans[0].world_from_sensor
-    return ReviewSession(surfaces, pose, options, history, n_threads=shared.threads)
+    said = completion_options(how)
+    options = replace(options, edits=said.edits, stated_relations=said.stated_relations)
+    return open_scans(
+        given.scans, options, own / "history.json",
+        n_threads=shared.threads, journal=journal, progress=run.progress,
+    )  # fmt: skip
 
 
 def _plain(how: CompleteOptions) -> CompleteOptions:
     """The options without what a person said."""
     return replace(how, edits=None, relations="off" if how.relations == "off" else "auto")
-
-
-def first_statements(how: CompleteOptions) -> list[Statement]:
-    """Return what the files of edits and relations say that a completion was made with."""
-    options = completion_options(how)
-    edits = [edit_record(edit) for edit in options.edits]
-    return [*edits, *(relation_record(one) for one in options.stated_relations)]
 
 
 def save(shared: Shared, how: CompleteOptions, session: ReviewSession, folder: Path) -> list[str]:

@@ -20,7 +20,7 @@ from scenes.surfaces.plane import Plane
 
 _NEAR_M = 0.05  # from a clicked place to the surface that is meant
 _SNAP_M = 0.3  # from a clicked place to an edge or plane that a cut may snap to
-_LEAST_SHARE = 0.02  # of what is hidden, that is hidden by a surface worth naming
+_LEAST_SHARE = 0.02  # of an outline, or of what is hidden, that is worth naming
 _LEVEL_COSINE = 0.999  # of planes that are parallel: neither ends the other
 _MOST_SNAPS = 5
 
@@ -116,7 +116,7 @@ def _ends(boundary: Sequence[Any]) -> list[dict[str, Any]]:
     return [
         {"why": _EDGES.get(kind, kind), "known": provenance, "length_m": length}
         for (kind, provenance), length in ordered
-        if length > 0
+        if length > _LEAST_SHARE * sum(metres.values())
     ]
 
 

@@ -15,22 +15,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from io import BytesIO
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
-from completion.edits.file import edits_of
+from completion.edits.file import edit_record, edits_of
 from completion.extension.bounded import BoundedSurfaces
-from completion.merging.scan_surfaces import ScanSurfaces
+from completion.merging.scan_surfaces import ScanSurfaces, find_surfaces
 from completion.options import CompletionOptions
 from completion.pipeline import bound_surfaces, complete_surfaces
-from completion.relations.relation import scan_relations_of
+from completion.relations.relation import relation_record, scan_relations_of
 from completion.result.completion import Completion
 from nbv.review.consequence import Consequence, compare
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
-from scenes.run.journal import NO_JOURNAL, pack
-from scenes.run.steps import Steps
+from scenes.run.journal import NO_JOURNAL, Journal, pack
+from scenes.run.steps import Progress, Steps
+from scenes.scan.range_image import RangeImage
 
 Statement = Mapping[str, Any]
 _Held = TypeVar("_Held")
@@ -162,6 +164,42 @@ class ReviewSession:
             found = bound_surfaces(self.surfaces, self.world_from_reference, options, steps)
             _remember(self._bounded, key, found)
         return self._bounded[key].restated(options.edits, self.world_from_reference)
+
+
+def open_scans(
+    scans: Sequence[RangeImage],
+    options: CompletionOptions,
+    file: str | PathLike[str],
+    *,
+    n_threads: int | None = None,
+    journal: Journal = NO_JOURNAL,
+    progress: Progress | None = None,
+) -> ReviewSession:
+    """Return a session on scans; its history goes on where the file has one.
+
+    Parameters
+    ----------
+    scans : sequence of RangeImage
+        As `complete` takes them.
+    options : CompletionOptions
+        Of the completion; edits and stated relations are statements, texture and flattening are left out.
+    file : str or path
+        Where the history is kept.
+    n_threads : int, optional
+        Threads; results do not depend on it.
+    journal : Journal
+        Remembers the surfaces of the scans.
+    progress : callable, optional
+        Called with a stage's name, steps done and steps in all.
+    """
+    plain = replace(options, edits=(), stated_relations=(), texture=False, flattening=None)
+    with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
+        surfaces = find_surfaces(list(scans), plain.of_surfaces, steps)
+    history = Path(file)
+    first = [*map(edit_record, options.edits), *map(relation_record, options.stated_relations)]
+    if first and not history.exists():
+        write_json(history, {"said": first, "undone": []})
+    return ReviewSession(surfaces, scans[0].world_from_sensor, plain, history, n_threads=n_threads)
 
 
 def _shape_of(document: Mapping[str, Any]) -> str:

@@ -34,14 +34,18 @@ class Measured:
         return ReviewSession(self.surfaces, self.scan.world_from_sensor, OPTIONS, file, n_threads=1)
 
 
-@pytest.fixture(scope="session")
-def measured():
+def make_scan():
+    """A chair before a wall."""
     pose = Pose.looking_at((0.5, -2.2, 1.5), (0.0, 0.8, 0.7))
     camera = PinholeSensor(fov_deg=65, width=120, height=120)
     noisy = Effects(noise=ConstantNoise(constant_m=0.001))
-    scan = replace(
-        scan_scene(builtin_scene("chair_before_wall"), pose, camera, effects=noisy, rng=0), truth=None
-    )
+    scan = scan_scene(builtin_scene("chair_before_wall"), pose, camera, effects=noisy, rng=0)
+    return replace(scan, truth=None)
+
+
+@pytest.fixture(scope="session")
+def measured():
+    scan = make_scan()
     with Steps.over([scan.ranges.size], 1, None, NO_JOURNAL) as steps:
         return Measured(scan, find_surfaces([scan], OPTIONS.of_surfaces, steps))
 
