@@ -19,7 +19,6 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from nbv import __version__
 from nbv.commands.options import planning, scans, shapes, shared
 from nbv.commands.options.shared import Shared
 from nbv.commands.typed import OLD_NAMES, Typed, put_right
@@ -382,7 +381,9 @@ app = typer.Typer(
 
 def _print_version(is_asked_for: bool) -> None:  # as typer calls it
     if is_asked_for:
-        typer.echo(f"unseen {__version__}")
+        from nbv.run.manifest import version_of
+
+        typer.echo(f"unseen {version_of('unseen')}")
         raise typer.Exit
 
 
