@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from completion.observe.user_options import Mode
+from nbv.commands.options import shared
 from nbv.commands.options.shared import (
     INFERENCE_HELP,
     SCENE_HELP,
@@ -16,17 +17,8 @@ from nbv.commands.options.shared import (
     ReadOptions,
     SignedAxis,
     Units,
-    before_option,
     input_option,
-    noise_option,
     output_option,
-    part_option,
-    register_option,
-    scheduler_option,
-    sensor_option,
-    units_option,
-    up_option,
-    without_option,
 )
 from nbv.run.plan_options import PaceOptions, RequirementOptions, SearchOptions
 from nbv.visibility.site_options import SiteOptions
@@ -74,8 +66,8 @@ class ScanOptions:
     clock_s: float = option(
         "--clock", "Time by which the scanner's clock is ahead: with --trajectory.", 0.0, metavar="S"
     )
-    sensor: str = sensor_option()
-    noise: str = noise_option()
+    sensor: str = shared.sensor_option()
+    noise: str = shared.noise_option()
     returns: Returns | None = option(
         "--returns", "Returns of a beam with width; all go to .npz, .las, .laz or .e57.", None,
         shown="as the sensor's footprint",
@@ -87,10 +79,10 @@ class ScanOptions:
         "--format", "One file of this format a scan: with --poses, into a folder.", None,
         shown="RGB-D images of a camera, npz of a scanner",
     )  # fmt: skip
-    part: str | None = part_option()
-    scheduler: str | None = scheduler_option()
-    up: Axis | None = up_option()
-    units: Units = units_option()
+    part: str | None = shared.part_option()
+    scheduler: str | None = shared.scheduler_option()
+    up: Axis | None = shared.up_option()
+    units: Units = shared.units_option()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -159,17 +151,17 @@ class PlanOptions:
     scene: str | None = _scene_or_scans()
     search: SearchOptions = group(SearchOptions)
     pace: PaceOptions = group(PaceOptions)
-    sensor: str = sensor_option()
+    sensor: str = shared.sensor_option()
     requirement: RequirementOptions = group(RequirementOptions)
     mode: Literal["room", "object"] | None = _scene_mode()
     site: SiteOptions = group(SiteOptions)
-    without: tuple[str, ...] = without_option('"*Door*"')
+    without: tuple[str, ...] = shared.without_option('"*Door*"')
     candidates: str | None = input_option(
         "--candidates", "Fixed positions and directions.", None, metavar="FILE.npz", shown="a lattice"
     )
     scans: tuple[str, ...] = _earlier_scans()
     read: ReadOptions = group(ReadOptions)
-    before: str | None = before_option(
+    before: str | None = shared.before_option(
         "plan.json, whose predictions are compared with the scans", shown="the one in the output folder"
     )
     region: tuple[float, ...] | None = option(
@@ -180,10 +172,10 @@ class PlanOptions:
         "--keep-out", "Box without stations and ways, metres; repeat it.", (), metavar="X0,Y0,Z0,X1,Y1,Z1",
         shown=False, is_repeated=True, parse=each(numbers(6)),
     )  # fmt: skip
-    noise: str = noise_option()
-    scheduler: str | None = scheduler_option()
+    noise: str = shared.noise_option()
+    scheduler: str | None = shared.scheduler_option()
     up: SignedAxis | None = _site_up()
-    units: Units = units_option()
+    units: Units = shared.units_option()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -235,16 +227,16 @@ class CoverageOptions:
         "--plan", "Views of a plan, or a trajectory for --sensor.", None, metavar="plan.json", shown=False
     )
     scans: tuple[str, ...] = _earlier_scans()
-    register: bool = register_option()
+    register: bool = shared.register_option()
     read: ReadOptions = group(ReadOptions)
-    sensor: str = sensor_option()
+    sensor: str = shared.sensor_option()
     requirement: RequirementOptions = group(RequirementOptions)
     mode: Literal["room", "object"] | None = _scene_mode()
     site: SiteOptions = group(SiteOptions, ("start", "several_heights"))
-    without: tuple[str, ...] = without_option('"*Door*"')
+    without: tuple[str, ...] = shared.without_option('"*Door*"')
     inference: Mode = option("--inference", f"{INFERENCE_HELP}: without SCENE.", "standard")
     up: SignedAxis | None = _site_up()
-    units: Units = units_option()
+    units: Units = shared.units_option()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -272,5 +264,5 @@ class StudyOptions:
     """A study file, and who plans."""
 
     file: str = argument("STUDY.toml", "The study file.")
-    part: str | None = part_option()
-    scheduler: str | None = scheduler_option()
+    part: str | None = shared.part_option()
+    scheduler: str | None = shared.scheduler_option()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from completion.observe.user_options import Mode, UserOptions
+from nbv.commands.options import shared
 from nbv.commands.options.parsing import parse_registration, parse_shape, parse_tolerances, record_of
 from nbv.commands.options.shared import (
     AUTO_OFF,
@@ -21,19 +22,8 @@ from nbv.commands.options.shared import (
     ReadOptions,
     SignedAxis,
     Units,
-    before_option,
-    export_option,
     input_option,
     output_option,
-    register_option,
-    relations_option,
-    scan_up_option,
-    scheduler_option,
-    sensor_option,
-    sigma_option,
-    units_option,
-    up_option,
-    without_option,
 )
 from scenes.run.option import NOT_NEGATIVE, NumberRange, argument, group, option
 
@@ -57,7 +47,7 @@ class CompleteOptions(UserOptions):
 
     scans: tuple[str, ...] = argument("SCAN", SCAN_HELP, is_repeated=True)
     mode: Mode = _renamed("mode", "--inference", f"{INFERENCE_HELP}.")
-    sigma_m: float | None = sigma_option("along rays", "from the scans")
+    sigma_m: float | None = shared.sigma_option("along rays", "from the scans")
     max_sd_m: float = _renamed("max_sd_m", "--inferred-sd")
     only: tuple[str, ...] = _renamed("only", "--kinds")
     registration_m: float = _renamed(
@@ -68,7 +58,7 @@ class CompleteOptions(UserOptions):
         "--flatness", "Deviation of real surfaces from their ideal form.", None, metavar="M",
         shown="from the scans", limits=NOT_NEGATIVE,
     )  # fmt: skip
-    register: bool = register_option()
+    register: bool = shared.register_option()
     cell_m: float | None = option(
         "--resolution", "Side of a cell of inferred surface.", None, metavar="M", shown="the pixels'",
         limits=NumberRange(least=1e-4, most=1.0),
@@ -76,7 +66,7 @@ class CompleteOptions(UserOptions):
     edits: str | None = input_option(
         "--edits", "completion.json with your edits.", None, metavar="FILE", shown=False
     )
-    relations: str = relations_option("perpendicular, parallel, coplanar")
+    relations: str = shared.relations_option("perpendicular, parallel, coplanar")
     features: str = option(
         "--features", "Doorways and windows fitted whole: auto, off, or the features of a features.json.",
         "auto", metavar="auto|off|FILE",
@@ -94,7 +84,7 @@ class CompleteOptions(UserOptions):
         "--texture", "Texture of inferred area: exact search, quicker within a budget, auto by the hidden "
         "area, or off.", "auto",
     )  # fmt: skip
-    exports: tuple[str, ...] = export_option(
+    exports: tuple[str, ...] = shared.export_option(
         "completed.obj or .e57, drawings as .dxf or .svg, BIM as .ifc", EXPORTS
     )
     export_units: Units = output_option("--export-units", "Length unit of the .dxf and .ifc exports.", "m")
@@ -105,10 +95,10 @@ class CompleteOptions(UserOptions):
     observed: Literal["auto", "full"] = output_option(
         "--observed", "Points of observed.ply: at most ten million (auto), or all.", "auto"
     )
-    scheduler: str | None = scheduler_option()
+    scheduler: str | None = shared.scheduler_option()
     read: ReadOptions = group(ReadOptions)
-    units: Units = units_option()
-    up: SignedAxis = scan_up_option()
+    units: Units = shared.units_option()
+    up: SignedAxis = shared.scan_up_option()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -155,8 +145,8 @@ class RegisterOptions:
     )
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
     read: ReadOptions = group(ReadOptions, ("trajectory",))
-    units: Units = units_option()
-    up: SignedAxis = scan_up_option()
+    units: Units = shared.units_option()
+    up: SignedAxis = shared.scan_up_option()
 
     def request(self) -> ScanRequest:
         """Return the scans."""
@@ -191,7 +181,7 @@ class CheckCommandOptions:
         "--only", 'Check only elements of such a class or name, like "IfcWall*"; repeat it.', (),
         metavar="PATTERN", shown="all", is_repeated=True,
     )  # fmt: skip
-    without: tuple[str, ...] = without_option('"IfcWall*", or such a class')
+    without: tuple[str, ...] = shared.without_option('"IfcWall*", or such a class')
     false_alarms: float = option(
         "--false-alarms", 'Expected number of wrong "deviates" in the whole design.', 0.05, metavar="P",
         limits=NumberRange(least=1e-9, most=100.0),
@@ -206,21 +196,21 @@ class CheckCommandOptions:
         "--next", "Also plan up to N next stations.", None, metavar="N", shown=False,
         limits=NumberRange(least=1, most=1000),
     )  # fmt: skip
-    sensor: str = sensor_option()
+    sensor: str = shared.sensor_option()
     loa: str | None = input_option(
         "--loa", "Bands of accuracy, TOML or JSON: name = upper end in metres.", None, metavar="FILE",
         shown="LOA50 to LOA20 of USIBD",
     )  # fmt: skip
-    before: str | None = before_option("check.json, to report what changed")
+    before: str | None = shared.before_option("check.json, to report what changed")
     bcf: Literal["2.1", "3.0"] = output_option("--bcf", "Version of issues.bcf.", "3.0")
-    sigma_m: float | None = sigma_option("along rays", "from the scans")
-    register: bool = register_option("and place them on the design")
+    sigma_m: float | None = shared.sigma_option("along rays", "from the scans")
+    register: bool = shared.register_option("and place them on the design")
     read: ReadOptions = group(ReadOptions)
-    units: Units = units_option()
+    units: Units = shared.units_option()
     design_units: Units | None = input_option(
         "--design-units", "Length unit of a mesh as design.", None, shown="that of --units"
     )
-    up: Axis | None = up_option()
+    up: Axis | None = shared.up_option()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
