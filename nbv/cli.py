@@ -81,8 +81,9 @@ def _parameter(entry: Field[Any], hint: Any, *, hidden: bool) -> Parameter:
         hint = str if is_required or isinstance(default, str) else str | None
         default = default if isinstance(default, str) else None
     more: dict[str, Any] = {"help": declared.help, "show_default": declared.shown, "hidden": hidden}
-    if declared.metavar is not None:
-        more["metavar"] = declared.metavar
+    metavar = declared.metavar or ("N" if Typed.of(declared, hint).number else None)
+    if metavar is not None:
+        more["metavar"] = metavar
     limits = declared.limits
     if limits.above is None:
         more |= {"min": limits.least, "max": limits.most}

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -95,10 +96,10 @@ class CompleteOptions(UserOptions):
     observed: Literal["auto", "full"] = output_option(
         "--observed", "Points of observed.ply: at most ten million (auto), or all.", "auto"
     )
-    scheduler: str | None = shared.scheduler_option()
+    scheduler: str | None = copy(shared.SCHEDULER)
     read: ReadOptions = group(ReadOptions)
-    units: Units = shared.units_option()
-    up: SignedAxis = shared.scan_up_option()
+    units: Units = copy(shared.UNITS)
+    up: SignedAxis = copy(shared.SCAN_UP)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -145,8 +146,8 @@ class RegisterOptions:
     )
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
     read: ReadOptions = group(ReadOptions, ("trajectory",))
-    units: Units = shared.units_option()
-    up: SignedAxis = shared.scan_up_option()
+    units: Units = copy(shared.UNITS)
+    up: SignedAxis = copy(shared.SCAN_UP)
 
     def request(self) -> ScanRequest:
         """Return the scans."""
@@ -196,7 +197,7 @@ class CheckCommandOptions:
         "--next", "Also plan up to N next stations.", None, metavar="N", shown=False,
         limits=NumberRange(least=1, most=1000),
     )  # fmt: skip
-    sensor: str = shared.sensor_option()
+    sensor: str = copy(shared.SENSOR)
     loa: str | None = input_option(
         "--loa", "Bands of accuracy, TOML or JSON: name = upper end in metres.", None, metavar="FILE",
         shown="LOA50 to LOA20 of USIBD",
@@ -206,11 +207,11 @@ class CheckCommandOptions:
     sigma_m: float | None = shared.sigma_option("along rays", "from the scans")
     register: bool = shared.register_option("and place them on the design")
     read: ReadOptions = group(ReadOptions)
-    units: Units = shared.units_option()
+    units: Units = copy(shared.UNITS)
     design_units: Units | None = input_option(
         "--design-units", "Length unit of a mesh as design.", None, shown="that of --units"
     )
-    up: Axis | None = shared.up_option()
+    up: Axis | None = copy(shared.UP)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""

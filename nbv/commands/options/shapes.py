@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -60,7 +61,7 @@ class FitOptions:
         metavar="FILE", shown=False,
     )  # fmt: skip
     export: tuple[str, ...] = shared.export_option("with -o, a patch as a B-spline face for CAD", ("step",))
-    units: Units = shared.units_option()
+    units: Units = copy(shared.UNITS)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -92,7 +93,7 @@ class PartOptions:
         "--flatten", "Remove the ripple of planes, but keep their relief: flat.ply.", False
     )
     exports: tuple[str, ...] = shared.export_option("part.step, and its features, for CAD", ("step",))
-    units: Units = shared.units_option()
+    units: Units = copy(shared.UNITS)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -124,8 +125,8 @@ class FeatureCommandOptions:
         limits=NumberRange(least=1),
     )  # fmt: skip
     read: ReadOptions = group(ReadOptions)
-    units: Units = shared.units_option()
-    up: SignedAxis = shared.scan_up_option()
+    units: Units = copy(shared.UNITS)
+    up: SignedAxis = copy(shared.SCAN_UP)
 
     def request(self) -> ScanRequest:
         """Return the scans, points or mesh."""
