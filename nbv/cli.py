@@ -358,9 +358,12 @@ class _Command(TyperCommand):
         for parameter in self.get_params(ctx):
             row = parameter.get_help_record(ctx)
             declared = entries[parameter.name][0].metadata["option"] if parameter.name in entries else None
-            if row is not None:
-                section = "run" if declared is None else declared.section if declared.flags else "arguments"
-                rows[section].append(row)
+            if row is None:
+                continue
+            if declared is not None and not declared.flags:
+                rows["arguments"].append((parameter.metavar, row[1]))
+            else:
+                rows["run" if declared is None else declared.section].append(row)
         for name, held in rows.items():
             if held:
                 with formatter.section(name.capitalize()):

@@ -81,6 +81,7 @@ def test_help_has_sections_in_order_and_ends_with_examples(name):
     found = [line for line in lines if line in SECTIONS]
     assert found == [line for line in SECTIONS if line in found]
     assert found[-2:] == ["Run:", "Examples:"]
+    assert not re.search(r"<(list\[)?str", "\n".join(lines))
     shown = [line.strip() for line in lines[lines.index("Examples:") + 1 :]]
     assert shown == list(COMMANDS[name].examples)
 
