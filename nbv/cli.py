@@ -361,7 +361,7 @@ class _Command(TyperCommand):
             if row is None:
                 continue
             if declared is not None and not declared.flags:
-                rows["arguments"].append((parameter.metavar, row[1]))
+                rows["arguments"].append((parameter.metavar or "", row[1]))
             else:
                 rows["run" if declared is None else declared.section].append(row)
         for name, held in rows.items():
