@@ -56,7 +56,8 @@ RUNS: dict[str, str] = {
     "complete two": "complete scan/one.npz scan/two.npz -o done/two",
     "complete plain": "complete scan/one.npz --texture off -o done/plain",
     "complete bold": "complete scan/one.npz --inference bold --texture off -o done/bold",
-    "complete conservative": "complete scan/one.npz --inference conservative --texture off -o done/conservative",
+    "complete conservative": "complete scan/one.npz --inference conservative --texture off "
+    "-o done/conservative",
     "plan cover": f"plan {ROOM} --method cover --sensor panorama --target 0.9 -o plan/cover",
     "plan object": "plan builtin:drum_and_post --mode object --sensor small.toml --views 4 -o plan/object",
     "plan infer": f"plan {ROOM} --infer --sensor middle.toml --views 3 -o plan/infer",

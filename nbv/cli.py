@@ -19,7 +19,6 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from nbv import __version__
 from nbv.commands.options import planning, scans, shapes, shared
 from nbv.commands.options.shared import Shared
 from nbv.commands.typed import OLD_NAMES, Typed, put_right
@@ -82,8 +81,9 @@ def _parameter(entry: Field[Any], hint: Any, *, hidden: bool) -> Parameter:
         hint = str if is_required or isinstance(default, str) else str | None
         default = default if isinstance(default, str) else None
     more: dict[str, Any] = {"help": declared.help, "show_default": declared.shown, "hidden": hidden}
-    if declared.metavar is not None:
-        more["metavar"] = declared.metavar
+    metavar = declared.metavar or ("N" if Typed.of(declared, hint).number else None)
+    if metavar is not None:
+        more["metavar"] = metavar
     limits = declared.limits
     if limits.above is None:
         more |= {"min": limits.least, "max": limits.most}
@@ -368,9 +368,12 @@ class _Command(TyperCommand):
         for parameter in self.get_params(ctx):
             row = parameter.get_help_record(ctx)
             declared = entries[parameter.name][0].metadata["option"] if parameter.name in entries else None
-            if row is not None:
-                section = "run" if declared is None else declared.section if declared.flags else "arguments"
-                rows[section].append(row)
+            if row is None:
+                continue
+            if declared is not None and not declared.flags:
+                rows["arguments"].append((parameter.metavar or "", row[1]))
+            else:
+                rows["run" if declared is None else declared.section].append(row)
         for name, held in rows.items():
             if held:
                 with formatter.section(name.capitalize()):
@@ -392,7 +395,9 @@ app = typer.Typer(
 
 def _print_version(is_asked_for: bool) -> None:  # as typer calls it
     if is_asked_for:
-        typer.echo(f"unseen {__version__}")
+        from nbv.run.manifest import version_of
+
+        typer.echo(f"unseen {version_of('unseen')}")
         raise typer.Exit
 
 

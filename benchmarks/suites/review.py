@@ -24,9 +24,9 @@ from nbv.commands.options.shared import ReadOptions, Shared
 from nbv.commands.process import start_run
 from nbv.commands.review import EDITS, open_session, restored, save
 from nbv.report.viewer.encoding import encode_view
-from nbv.review.asking import rectangle, snaps_at
-from nbv.review.session import ReviewSession, Statement
-from nbv.review.view import first_view, view_after
+from nbv.report.review.asking import rectangle, snaps_at
+from nbv.report.review.session import ReviewSession, Statement
+from nbv.report.review.view import first_view, view_after
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.plane import Plane
 

@@ -104,25 +104,14 @@ def _write_lines(command: str, standing: Standing, ended: Event, seconds: float)
 @contextmanager
 def _bars(standing: Standing, watch: Stopwatch) -> Iterator[Progress]:
     """Draw a bar for all stages and one for each."""
+    import rich.progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bars
 
-    columns = (
-        TextColumn("{task.description:<18}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+    shown = (
+        rich.TextColumn("{task.description:<18}"), rich.BarColumn(), rich.MofNCompleteColumn(),
+        rich.TimeElapsedColumn(), rich.TextColumn("left"), rich.TimeRemainingColumn(),
+    )  # fmt: skip
+    with rich.Progress(*shown, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, Any] = {}
         if standing.stages:
             tasks[""] = bars.add_task("all stages", total=100)

@@ -77,8 +77,7 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
 def summary_of(registration: Registered) -> dict[str, Any]:
     """Return the headline numbers."""
     verdicts = [pair.verdict for pair in registration.pairs]
-    placed = [scan for group in registration.groups for scan in list(group.group.poses)[1:]]
-    deviations = pose_deviations(registration, placed)
+    deviations = _deviations(registration)
     return {
         "scans": len(registration.views),
         "groups": [list(group.group.poses) for group in registration.groups],
@@ -104,8 +103,7 @@ def lines_of(registration: Registered, names: Sequence[str]) -> list[str]:
     ]
     alone = [Path(names[k]).name for k in range(len(names)) if registration.group_of(k) is None]
     lines += [f"alone      {', '.join(alone)}"] if alone else []
-    placed = [scan for group in registration.groups for scan in list(group.group.poses)[1:]]
-    deviations = pose_deviations(registration, placed)
+    deviations = _deviations(registration)
     if deviations:
         scan = max(deviations, key=lambda one: deviations[one])
         turn = max(turn for _, turn in deviations.values())
@@ -115,6 +113,12 @@ def lines_of(registration: Registered, names: Sequence[str]) -> list[str]:
         )
     within = [pair for pair in registration.pairs if pair.verdict is Verdict.REGISTERED]
     return lines + _line_of_contradiction(within, names)
+
+
+def _deviations(registration: Registered) -> dict[int, tuple[float, float]]:
+    """Return how well the pose of each scan is known, to the first one of its group."""
+    placed = [scan for group in registration.groups for scan in list(group.group.poses)[1:]]
+    return pose_deviations(registration, placed)
 
 
 def _line_of_contradiction(pairs: Sequence[PairVerdict], names: Sequence[str]) -> list[str]:

@@ -20,8 +20,8 @@ from nbv.commands.complete import completion_options, load_scans, run_complete
 from nbv.commands.options.scans import CompleteOptions, ReviewOptions
 from nbv.commands.options.shared import ReadOptions, Shared
 from nbv.commands.process import Run, start_run
-from nbv.review.server import ReviewServer
-from nbv.review.session import ReviewSession, document_of, open_scans
+from nbv.report.review.server import ReviewServer
+from nbv.report.review.session import ReviewSession, document_of, open_scans
 from nbv.run.manifest import read_inputs
 from nbv.scanning.sensor_profile import load_sensor
 from scenes.checks import InputError

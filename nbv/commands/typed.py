@@ -53,13 +53,7 @@ class Typed:
         return cls(declared, words, next((kind for kind in (int, float) if kind in kinds), None))
 
     def put_right(self, name: str, value: str) -> str:
-        """Return a value as it is written here.
-
-        Raises
-        ------
-        typer.BadParameter
-            It is none of the words, or no number.
-        """
+        """Return a value as it is written here; a usage error for none of the words, or no number."""
         if self.words:
             plain = value.strip().lower()
             known = {word.lower(): word for word in self.words}
@@ -86,21 +80,10 @@ class Typed:
 def put_right(
     tokens: Sequence[str], options: Mapping[str, Typed], old: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Return the tokens of a command line with today's names and with values as they are written here.
+    """Return what was typed after a command with today's names and with values as they are written here.
 
-    Parameters
-    ----------
-    tokens : sequence of str
-        What was typed after the command.
-    options : mapping
-        The options that take a value, by their names.
-    old : mapping, optional
-        Today's names by earlier ones.
-
-    Raises
-    ------
-    typer.BadParameter
-        A value that is none of the words of its option, or no number.
+    `options` take a value, by their names; `old` has today's names by earlier ones. Raises
+    `typer.BadParameter` for a value that is none of the words of its option, or no number.
 
     Examples
     --------

@@ -76,11 +76,7 @@ class RequirementOptions:
         limits=NOT_NEGATIVE,
     )
     k: int = option(
-        "--k",
-        "Number of views that must each measure a point well enough.",
-        1,
-        metavar="N",
-        limits=NumberRange(least=1),
+        "--k", "Number of views that must each measure a point well enough.", 1, limits=NumberRange(least=1)
     )
 
 
@@ -95,14 +91,10 @@ class SearchOptions:
         "nbv",
     )
     target: float = option(
-        "--target",
-        "Fraction of the reachable area to measure.",
-        0.99,
-        metavar="FRACTION",
-        limits=NumberRange(above=0, most=1),
+        "--target", "Fraction of the reachable area to measure.", 0.99, limits=NumberRange(above=0, most=1)
     )
     views: int | None = option(
-        "--views", "Largest number of views; cover finds those that see most.", None, metavar="N",
+        "--views", "Largest number of views; cover finds those that see most.", None,
         limits=NumberRange(least=1),
     )  # fmt: skip
     infer: bool = option(
@@ -121,7 +113,6 @@ class SearchOptions:
         "Largest number of swaps tried to save views: with --method cover; the search ends earlier if 1,500 "
         "swaps per view find no smaller plan.",
         100_000,
-        metavar="N",
         limits=NOT_NEGATIVE,
     )
     time_budget_s: float | None = option(

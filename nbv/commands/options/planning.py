@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from completion.observe.user_options import Mode
+from nbv.commands.options import shared
 from nbv.commands.options.shared import (
     INFERENCE_HELP,
     SCENE_HELP,
@@ -16,17 +18,8 @@ from nbv.commands.options.shared import (
     ReadOptions,
     SignedAxis,
     Units,
-    before_option,
     input_option,
-    noise_option,
     output_option,
-    part_option,
-    register_option,
-    scheduler_option,
-    sensor_option,
-    units_option,
-    up_option,
-    without_option,
 )
 from nbv.run.plan_options import PaceOptions, RequirementOptions, SearchOptions
 from nbv.visibility.site_options import SiteOptions
@@ -74,8 +67,8 @@ class ScanOptions:
     clock_s: float = option(
         "--clock", "Time by which the scanner's clock is ahead: with --trajectory.", 0.0, metavar="S"
     )
-    sensor: str = sensor_option()
-    noise: str = noise_option()
+    sensor: str = copy(shared.SENSOR)
+    noise: str = copy(shared.NOISE)
     returns: Returns | None = option(
         "--returns", "Returns of a beam with width; all go to .npz, .las, .laz or .e57.", None,
         shown="as the sensor's footprint",
@@ -87,10 +80,10 @@ class ScanOptions:
         "--format", "One file of this format a scan: with --poses, into a folder.", None,
         shown="RGB-D images of a camera, npz of a scanner",
     )  # fmt: skip
-    part: str | None = part_option()
-    scheduler: str | None = scheduler_option()
-    up: Axis | None = up_option()
-    units: Units = units_option()
+    part: str | None = copy(shared.PART)
+    scheduler: str | None = copy(shared.SCHEDULER)
+    up: Axis | None = copy(shared.UP)
+    units: Units = copy(shared.UNITS)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -117,59 +110,56 @@ class ScanOptions:
         return {name: getattr(self, name) for name in ("position_sd_m", "angle_sd_deg", "clock_s")}
 
 
-def _site_up() -> Any:
-    return input_option(
-        "--up", "Up axis of the file; of scans alone -x, -y and -z, too.", None,
-        shown="z; y of GLB and glTF; of scans alone estimated and reported",
-    )  # fmt: skip
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _SceneOrScans:
+    """A scene, scans that were taken, or both; what sees, and what must be seen."""
 
-
-def _scene_up(up: SignedAxis | None, scene: str | None) -> Axis | None:
-    """The axis that a person says is up in a scene's file; a usage error for one that points down."""
-    if scene is None or up is None or up == "auto":
-        return None
-    if up in ("x", "y", "z"):
-        return up
-    raise typer.BadParameter(f"--up {up} is for scans alone: a scene's file has x, y or z up")
-
-
-def _scene_or_scans() -> Any:
-    return argument(
+    scene: str | None = argument(
         "SCENE", f"{SCENE_HELP[:-1]}; leave it out to use --scans alone.", default=None, shown=False
     )
-
-
-def _earlier_scans() -> Any:
-    return input_option(
+    scans: tuple[str, ...] = input_option(
         "--scans", "A registered scan that was already taken; repeat it.", (), metavar="SCAN", shown=False,
         is_repeated=True,
     )  # fmt: skip
-
-
-def _scene_mode() -> Any:
-    return input_option(
+    read: ReadOptions = group(ReadOptions)
+    up: SignedAxis | None = input_option(
+        "--up", "Up axis of the file; of scans alone -x, -y and -z, too.", None,
+        shown="z; y of GLB and glTF; of scans alone estimated and reported",
+    )  # fmt: skip
+    units: Units = copy(shared.UNITS)
+    mode: Literal["room", "object"] | None = input_option(
         "--mode", "Scan a room from within, or an object from around.", None, shown="from the scene"
     )
+    sensor: str = copy(shared.SENSOR)
+    requirement: RequirementOptions = group(RequirementOptions)
+    without: tuple[str, ...] = shared.without_option('"*Door*"')
+
+    def request(self) -> ScanRequest:
+        """Return the scans that were taken before; beside a scene `units` and `up` are the scene's."""
+        up = "z" if self.scene else self.up or "auto"
+        return self.read.request(self.scans, "m" if self.scene else self.units, up)
+
+    @property
+    def scene_up(self) -> Axis | None:
+        """The axis that is said to be up in the scene's file; a usage error for one that points down."""
+        if self.scene is None or self.up is None or self.up == "auto":
+            return None
+        if self.up in ("x", "y", "z"):
+            return self.up
+        raise typer.BadParameter(f"--up {self.up} is for scans alone: a scene's file has x, y or z up")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class PlanOptions:
+class PlanOptions(_SceneOrScans):
     """Views of a scene, or next stations after scans."""
 
-    scene: str | None = _scene_or_scans()
     search: SearchOptions = group(SearchOptions)
     pace: PaceOptions = group(PaceOptions)
-    sensor: str = sensor_option()
-    requirement: RequirementOptions = group(RequirementOptions)
-    mode: Literal["room", "object"] | None = _scene_mode()
     site: SiteOptions = group(SiteOptions)
-    without: tuple[str, ...] = without_option('"*Door*"')
     candidates: str | None = input_option(
         "--candidates", "Fixed positions and directions.", None, metavar="FILE.npz", shown="a lattice"
     )
-    scans: tuple[str, ...] = _earlier_scans()
-    read: ReadOptions = group(ReadOptions)
-    before: str | None = before_option(
+    before: str | None = shared.before_option(
         "plan.json, whose predictions are compared with the scans", shown="the one in the output folder"
     )
     region: tuple[float, ...] | None = option(
@@ -180,10 +170,8 @@ class PlanOptions:
         "--keep-out", "Box without stations and ways, metres; repeat it.", (), metavar="X0,Y0,Z0,X1,Y1,Z1",
         shown=False, is_repeated=True, parse=each(numbers(6)),
     )  # fmt: skip
-    noise: str = noise_option()
-    scheduler: str | None = scheduler_option()
-    up: SignedAxis | None = _site_up()
-    units: Units = units_option()
+    noise: str = copy(shared.NOISE)
+    scheduler: str | None = copy(shared.SCHEDULER)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -210,16 +198,6 @@ class PlanOptions:
         if self.pace.budget_min is not None and search.views is not None:
             raise typer.BadParameter("give --budget or --views, not both")
 
-    def request(self) -> ScanRequest:
-        """Return the scans that were taken before; beside a scene `units` and `up` are the scene's."""
-        up = "z" if self.scene else self.up or "auto"
-        return self.read.request(self.scans, "m" if self.scene else self.units, up)
-
-    @property
-    def scene_up(self) -> Axis | None:
-        """The axis that is said to be up in the scene's file."""
-        return _scene_up(self.up, self.scene)
-
     @property
     def inputs(self) -> list[str]:
         """What the manifest lists beside the scene."""
@@ -227,24 +205,15 @@ class PlanOptions:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CoverageOptions:
+class CoverageOptions(_SceneOrScans):
     """Which stations to judge, and by what."""
 
-    scene: str | None = _scene_or_scans()
     plan: str | None = input_option(
         "--plan", "Views of a plan, or a trajectory for --sensor.", None, metavar="plan.json", shown=False
     )
-    scans: tuple[str, ...] = _earlier_scans()
-    register: bool = register_option()
-    read: ReadOptions = group(ReadOptions)
-    sensor: str = sensor_option()
-    requirement: RequirementOptions = group(RequirementOptions)
-    mode: Literal["room", "object"] | None = _scene_mode()
+    register: bool = shared.register_option()
     site: SiteOptions = group(SiteOptions, ("start", "several_heights"))
-    without: tuple[str, ...] = without_option('"*Door*"')
     inference: Mode = option("--inference", f"{INFERENCE_HELP}: without SCENE.", "standard")
-    up: SignedAxis | None = _site_up()
-    units: Units = units_option()
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -256,21 +225,11 @@ class CoverageOptions:
         if self.register and self.scene is not None:
             raise typer.BadParameter("--register places scans to each other, not to SCENE: leave one out")
 
-    def request(self) -> ScanRequest:
-        """Return the scans; beside a scene `units` and `up` are the scene's."""
-        up = "z" if self.scene else self.up or "auto"
-        return self.read.request(self.scans, "m" if self.scene else self.units, up)
-
-    @property
-    def scene_up(self) -> Axis | None:
-        """The axis that is said to be up in the scene's file."""
-        return _scene_up(self.up, self.scene)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StudyOptions:
     """A study file, and who plans."""
 
     file: str = argument("STUDY.toml", "The study file.")
-    part: str | None = part_option()
-    scheduler: str | None = scheduler_option()
+    part: str | None = copy(shared.PART)
+    scheduler: str | None = copy(shared.SCHEDULER)

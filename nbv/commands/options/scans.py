@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from completion.observe.user_options import Mode, UserOptions
+from nbv.commands.options import shared
 from nbv.commands.options.parsing import parse_registration, parse_shape, parse_tolerances, record_of
 from nbv.commands.options.shared import (
     AUTO_OFF,
@@ -21,20 +23,8 @@ from nbv.commands.options.shared import (
     ReadOptions,
     SignedAxis,
     Units,
-    before_option,
-    export_option,
     input_option,
     output_option,
-    register_option,
-    relations_option,
-    run_option,
-    scan_up_option,
-    scheduler_option,
-    sensor_option,
-    sigma_option,
-    units_option,
-    up_option,
-    without_option,
 )
 from scenes.run.option import NOT_NEGATIVE, NumberRange, argument, group, option
 
@@ -58,7 +48,7 @@ class CompleteOptions(UserOptions):
 
     scans: tuple[str, ...] = argument("SCAN", SCAN_HELP, is_repeated=True)
     mode: Mode = _renamed("mode", "--inference", f"{INFERENCE_HELP}.")
-    sigma_m: float | None = sigma_option("along rays", "from the scans")
+    sigma_m: float | None = shared.sigma_option("along rays", "from the scans")
     max_sd_m: float = _renamed("max_sd_m", "--inferred-sd")
     only: tuple[str, ...] = _renamed("only", "--kinds")
     registration_m: float = _renamed(
@@ -69,7 +59,7 @@ class CompleteOptions(UserOptions):
         "--flatness", "Deviation of real surfaces from their ideal form.", None, metavar="M",
         shown="from the scans", limits=NOT_NEGATIVE,
     )  # fmt: skip
-    register: bool = register_option()
+    register: bool = shared.register_option()
     cell_m: float | None = option(
         "--resolution", "Side of a cell of inferred surface.", None, metavar="M", shown="the pixels'",
         limits=NumberRange(least=1e-4, most=1.0),
@@ -77,7 +67,7 @@ class CompleteOptions(UserOptions):
     edits: str | None = input_option(
         "--edits", "completion.json with your edits.", None, metavar="FILE", shown=False
     )
-    relations: str = relations_option("perpendicular, parallel, coplanar")
+    relations: str = shared.relations_option("perpendicular, parallel, coplanar")
     features: str = option(
         "--features", "Doorways and windows fitted whole: auto, off, or the features of a features.json.",
         "auto", metavar="auto|off|FILE",
@@ -95,7 +85,7 @@ class CompleteOptions(UserOptions):
         "--texture", "Texture of inferred area: exact search, quicker within a budget, auto by the hidden "
         "area, or off.", "auto",
     )  # fmt: skip
-    exports: tuple[str, ...] = export_option(
+    exports: tuple[str, ...] = shared.export_option(
         "completed.obj or .e57, drawings as .dxf or .svg, BIM as .ifc", EXPORTS
     )
     export_units: Units = output_option("--export-units", "Length unit of the .dxf and .ifc exports.", "m")
@@ -106,10 +96,10 @@ class CompleteOptions(UserOptions):
     observed: Literal["auto", "full"] = output_option(
         "--observed", "Points of observed.ply: at most ten million (auto), or all.", "auto"
     )
-    scheduler: str | None = scheduler_option()
+    scheduler: str | None = copy(shared.SCHEDULER)
     read: ReadOptions = group(ReadOptions)
-    units: Units = units_option()
-    up: SignedAxis = scan_up_option()
+    units: Units = copy(shared.UNITS)
+    up: SignedAxis = copy(shared.SCAN_UP)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -150,12 +140,12 @@ class ReviewOptions:
     """A finished completion to correct."""
 
     folder: str = argument("OUT", "Output folder of `unseen complete`.")
-    port: int = run_option(
+    port: int = shared.run_option(
         "--port", "Port of the page on this machine.", 0, metavar="N", shown="any that is free",
         limits=NumberRange(least=0, most=65535),
     )  # fmt: skip
-    open: Literal["yes", "no"] = run_option("--open", "Open the page in the browser.", "yes")
-    sensor: str = sensor_option()
+    open: Literal["yes", "no"] = shared.run_option("--open", "Open the page in the browser.", "yes")
+    sensor: str = copy(shared.SENSOR)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -169,8 +159,8 @@ class RegisterOptions:
     )
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
     read: ReadOptions = group(ReadOptions, ("trajectory",))
-    units: Units = units_option()
-    up: SignedAxis = scan_up_option()
+    units: Units = copy(shared.UNITS)
+    up: SignedAxis = copy(shared.SCAN_UP)
 
     def request(self) -> ScanRequest:
         """Return the scans."""
@@ -205,7 +195,7 @@ class CheckCommandOptions:
         "--only", 'Check only elements of such a class or name, like "IfcWall*"; repeat it.', (),
         metavar="PATTERN", shown="all", is_repeated=True,
     )  # fmt: skip
-    without: tuple[str, ...] = without_option('"IfcWall*", or such a class')
+    without: tuple[str, ...] = shared.without_option('"IfcWall*", or such a class')
     false_alarms: float = option(
         "--false-alarms", 'Expected number of wrong "deviates" in the whole design.', 0.05, metavar="P",
         limits=NumberRange(least=1e-9, most=100.0),
@@ -220,21 +210,21 @@ class CheckCommandOptions:
         "--next", "Also plan up to N next stations.", None, metavar="N", shown=False,
         limits=NumberRange(least=1, most=1000),
     )  # fmt: skip
-    sensor: str = sensor_option()
+    sensor: str = copy(shared.SENSOR)
     loa: str | None = input_option(
         "--loa", "Bands of accuracy, TOML or JSON: name = upper end in metres.", None, metavar="FILE",
         shown="LOA50 to LOA20 of USIBD",
     )  # fmt: skip
-    before: str | None = before_option("check.json, to report what changed")
+    before: str | None = shared.before_option("check.json, to report what changed")
     bcf: Literal["2.1", "3.0"] = output_option("--bcf", "Version of issues.bcf.", "3.0")
-    sigma_m: float | None = sigma_option("along rays", "from the scans")
-    register: bool = register_option("and place them on the design")
+    sigma_m: float | None = shared.sigma_option("along rays", "from the scans")
+    register: bool = shared.register_option("and place them on the design")
     read: ReadOptions = group(ReadOptions)
-    units: Units = units_option()
+    units: Units = copy(shared.UNITS)
     design_units: Units | None = input_option(
         "--design-units", "Length unit of a mesh as design.", None, shown="that of --units"
     )
-    up: Axis | None = up_option()
+    up: Axis | None = copy(shared.UP)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""

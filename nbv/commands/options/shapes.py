@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from completion.fitting.shape import Metric, Shape
+from nbv.commands.options import shared
 from nbv.commands.options.parsing import record_of
 from nbv.commands.options.shared import (
     AUTO_OFF,
@@ -17,13 +19,8 @@ from nbv.commands.options.shared import (
     ReadOptions,
     SignedAxis,
     Units,
-    export_option,
     input_option,
     output_option,
-    relations_option,
-    scan_up_option,
-    sigma_option,
-    units_option,
 )
 from scenes.run.option import NumberRange, argument, choices, group, numbers, option
 
@@ -63,8 +60,8 @@ class FitOptions:
         "--between", "JSON: planes and cylinders around a free-form patch, and how it joins each.", None,
         metavar="FILE", shown=False,
     )  # fmt: skip
-    export: tuple[str, ...] = export_option("with -o, a patch as a B-spline face for CAD", ("step",))
-    units: Units = units_option()
+    export: tuple[str, ...] = shared.export_option("with -o, a patch as a B-spline face for CAD", ("step",))
+    units: Units = copy(shared.UNITS)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
@@ -84,8 +81,8 @@ class PartOptions:
     """A part to divide into surfaces."""
 
     shape: str = argument("POINTS|MESH", "A file of points, or a mesh.")
-    relations: str = relations_option("parallel, coaxial, equal radii")
-    noise_m: float | None = sigma_option("of points, along the normal", "estimated")
+    relations: str = shared.relations_option("parallel, coaxial, equal radii")
+    noise_m: float | None = shared.sigma_option("of points, along the normal", "estimated")
     ignores_labels: bool = option(
         "--ignore-labels", "Divide the points anew, even if the file has labels.", False
     )
@@ -95,8 +92,8 @@ class PartOptions:
     flatten: bool = output_option(
         "--flatten", "Remove the ripple of planes, but keep their relief: flat.ply.", False
     )
-    exports: tuple[str, ...] = export_option("part.step, and its features, for CAD", ("step",))
-    units: Units = units_option()
+    exports: tuple[str, ...] = shared.export_option("part.step, and its features, for CAD", ("step",))
+    units: Units = copy(shared.UNITS)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -128,8 +125,8 @@ class FeatureCommandOptions:
         limits=NumberRange(least=1),
     )  # fmt: skip
     read: ReadOptions = group(ReadOptions)
-    units: Units = units_option()
-    up: SignedAxis = scan_up_option()
+    units: Units = copy(shared.UNITS)
+    up: SignedAxis = copy(shared.SCAN_UP)
 
     def request(self) -> ScanRequest:
         """Return the scans, points or mesh."""

@@ -9,6 +9,7 @@ option's meaning, the same in all commands.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -35,6 +36,26 @@ input_option = partial(option, section="input")
 output_option = partial(option, section="output")
 run_option = partial(option, section="run")
 
+# Each dataclass takes a copy: a field belongs to one
+SENSOR = input_option(
+    "--sensor", "A sensor profile by name, or a TOML file.", "generic60", metavar="NAME|FILE"
+)
+NOISE = option(
+    "--noise", "Noise model: none, gaussian-2mm, nguyen2012, ..., or profile, the sensor's own.", "none",
+    metavar="NAME",
+)  # fmt: skip
+UP = input_option("--up", "Up axis of the file.", None, shown="z; y of GLB and glTF")
+SCAN_UP = input_option("--up", "Up axis of the file; auto: estimated and reported.", "auto")
+UNITS = input_option("--units", "Length unit of the file; `us-ft` is the US survey foot.", "m")
+SCHEDULER = run_option(
+    "--scheduler", "Address of a dask.distributed scheduler, or local:N for N processes here.", None,
+    metavar="ADDRESS", shown="this process",
+)  # fmt: skip
+PART = run_option(
+    "--part", "Every Nth scan or case from the Ith alone; a run without it then finishes.", None,
+    metavar="I/N", shown="all",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shared:
@@ -50,9 +71,9 @@ class Shared:
     )
     as_json: bool = output_option("--json", "Print one JSON object on stdout, nothing else there.", False)
     quiet: bool = output_option("--quiet -q", "Print nothing.", False)
-    seed: int = run_option("--seed", "Seed of all random numbers.", 0, metavar="N", limits=NOT_NEGATIVE)
+    seed: int = run_option("--seed", "Seed of all random numbers.", 0, limits=NOT_NEGATIVE)
     threads: int | None = run_option(
-        "--threads", "Number of threads; results do not depend on it.", None, metavar="N", shown="all cores",
+        "--threads", "Number of threads; results do not depend on it.", None, shown="all cores",
         limits=NumberRange(least=1),
     )  # fmt: skip
     max_memory: int | None = run_option(
@@ -81,7 +102,7 @@ class ReadOptions:
         shown="from the files", parse=numbers(4),
     )  # fmt: skip
     depth_scale: float | None = input_option(
-        "--depth-scale", "Depth values per unit.", None, metavar="N", shown="from the files"
+        "--depth-scale", "Depth values per unit.", None, shown="from the files"
     )
     poses: str | None = input_option(
         "--poses", "Poses, world from sensor, one per scan: a trajectory or a list of matrices.", None,
@@ -109,57 +130,11 @@ def before_option(what: str, *, shown: str | bool = False) -> Any:
     )
 
 
-def sensor_option() -> Any:
-    """Return the option that names a sensor profile."""
-    return input_option(
-        "--sensor", "A sensor profile by name, or a TOML file.", "generic60", metavar="NAME|FILE"
-    )
-
-
-def noise_option() -> Any:
-    """Return the option that names the errors of simulated scans."""
-    return option(
-        "--noise", "Noise model: none, gaussian-2mm, nguyen2012, ..., or profile, the sensor's own.", "none",
-        metavar="NAME",
-    )  # fmt: skip
-
-
 def sigma_option(of: str, shown: str) -> Any:
     """Return the option that states how noisy the input is, `of` which kind of deviation."""
     return option(
         "--sigma", f"Standard deviation of the noise: {of}.", None, metavar="M", shown=shown,
         limits=NOT_NEGATIVE,
-    )  # fmt: skip
-
-
-def up_option() -> Any:
-    """Return the option that says the up axis of a scene."""
-    return input_option("--up", "Up axis of the file.", None, shown="z; y of GLB and glTF")
-
-
-def scan_up_option() -> Any:
-    """Return the option that says the up axis of scans."""
-    return input_option("--up", "Up axis of the file; auto: estimated and reported.", "auto")
-
-
-def units_option() -> Any:
-    """Return the option that says the length unit of the input."""
-    return input_option("--units", "Length unit of the file; `us-ft` is the US survey foot.", "m")
-
-
-def scheduler_option() -> Any:
-    """Return the option that names workers."""
-    return run_option(
-        "--scheduler", "Address of a dask.distributed scheduler, or local:N for N processes here.", None,
-        metavar="ADDRESS", shown="this process",
-    )  # fmt: skip
-
-
-def part_option() -> Any:
-    """Return the option that takes a share of many jobs."""
-    return run_option(
-        "--part", "Every Nth scan or case from the Ith alone; a run without it then finishes.", None,
-        metavar="I/N", shown="all",
     )  # fmt: skip
 
 
@@ -202,6 +177,6 @@ class InfoOptions:
     """A file to describe."""
 
     file: str = argument("FILE", "Any file, or an output folder.")
-    up: Axis | None = up_option()
-    units: Units = units_option()
+    up: Axis | None = copy(UP)
+    units: Units = copy(UNITS)
     read: ReadOptions = group(ReadOptions, ("origins", "poses"))

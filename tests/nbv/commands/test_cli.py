@@ -369,7 +369,11 @@ def test_coverage_of_scans(scan, tmp_path):
     found = json.loads(succeed("coverage", CHAIR, *arguments).stdout)
     assert found["stations"] == 1
     assert 0 < found["coverage"]["met"] < 1
-    for stricter in (("--k", 2), ("--min-density", 1e9), ("--max-sd", 1e-9, "--sensor", "kinect_v1")):
+    for stricter in (
+        ("--k", 2),
+        ("--min-density", 1e9),
+        ("--max-sd", 0.001, "--registration-sd", 0.002, "--sensor", "kinect_v1"),
+    ):
         less = json.loads(succeed("coverage", CHAIR, *arguments, *stricter).stdout)
         assert less["coverage"]["met"] == 0
         assert json.loads((tmp_path / "manifest.json").read_text())["options"]["k"] == (

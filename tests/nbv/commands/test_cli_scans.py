@@ -129,7 +129,7 @@ def test_the_record_holds_what_was_predicted_against_what_was_measured(taken, tm
     assert 0 < entry["settled_m2"] <= entry["expected_m2"]
     # named, the earlier plan says the same; that of other scans is refused when it is named
     other = tmp_path / "other"
-    known = ("--plan", tmp_path / "next" / "plan.json", "-o", other)
+    known = ("--before", tmp_path / "next" / "plan.json", "-o", other)
     again = json.loads(succeed("plan", *both, *small, *known).stdout)
     assert again["record"][1]["said"] == entry["said"]
     b = ("--scans", taken / "b.npz", "--sensor", taken / "small.toml", *known)
@@ -141,11 +141,11 @@ def test_the_record_holds_what_was_predicted_against_what_was_measured(taken, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--plan", "none.json"), "none.json"),
+        (("--before", "none.json"), "none.json"),
         (("--start", "1,1"), "--start is for plans of a known scene: give SCENE"),
         (("--without", "*door*"), "--without is for plans of a known scene: give SCENE"),
         (("--rooms", "9"), "there is no room 9: the scans show 1 room"),
-        ((ROOM, "--plan", "plan.json"), "leave SCENE out, or --plan"),
+        ((ROOM, "--before", "plan.json"), "leave SCENE out, or --before"),
     ],
 )
 def test_what_next_stations_cannot_take_is_refused(taken, tmp_path, options, said):

@@ -21,6 +21,7 @@ from scenes.checks import InputError
 
 SHARED = "out seed=0 json quiet threads max-memory limit"
 DOCUMENTED = {
+    "review": "port=0 open=yes sensor=generic60",
     "demo": "",
     "scan": "at look poses sensor=generic60 noise=none returns no-truth format part scheduler up units=m "
     "trajectory rate position-sd=0.0 angle-sd=0.0 clock=0.0",
@@ -57,7 +58,8 @@ DOCUMENTED = {
 def test_every_documented_option_is_there_with_its_default(name):
     command = typer.main.get_command(app).commands[name]
     options = {flag: entry for entry in command.params for flag in entry.opts if flag.startswith("--")}
-    documented = f"{DOCUMENTED[name]} {'json quiet threads' if name == 'warm' else SHARED}".split()
+    shared = {"warm": "json quiet threads", "review": SHARED.replace("out ", "")}.get(name, SHARED)
+    documented = f"{DOCUMENTED[name]} {shared}".split()
     for text in documented:
         flag, _, default = text.partition("=")
         assert options[f"--{flag}"].help, flag

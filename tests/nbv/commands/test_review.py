@@ -16,8 +16,8 @@ from nbv.commands.process import start_run
 from nbv.commands.review import EDITS, open_session, restored, save
 from scenes.checks import InputError
 from scenes.io.scan_files import write_scan
-from tests.nbv.review.conftest import make_scan
-from tests.nbv.review.test_session import parallel, reject, wall_of
+from tests.nbv.report.review.conftest import make_scan
+from tests.nbv.report.review.test_session import parallel, reject, wall_of
 
 
 @pytest.fixture(scope="module")

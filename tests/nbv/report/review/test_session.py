@@ -10,8 +10,8 @@ from completion.edits.file import edits_of
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from completion.relations.relation import scan_relations_of
-from nbv.review.asking import rectangle
-from nbv.review.session import document_of
+from nbv.report.review.asking import rectangle
+from nbv.report.review.session import document_of
 from scenes.checks import InputError
 from scenes.inclination import Up
 

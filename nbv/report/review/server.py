@@ -17,11 +17,11 @@ from werkzeug.wrappers import Request, Response
 
 from nbv.report.viewer.encoding import encode_view
 from nbv.report.viewer.layers import Viewer
-from nbv.review.asking import distance_between, facts_of, rectangle, snaps_at, surface_at
-from nbv.review.page_text import page_text
-from nbv.review.session import ReviewSession
-from nbv.review.standing import stand_for
-from nbv.review.view import first_view, view_after
+from nbv.report.review.asking import distance_between, facts_of, rectangle, snaps_at, surface_at
+from nbv.report.review.page_text import page_text
+from nbv.report.review.session import ReviewSession
+from nbv.report.review.standing import stand_for
+from nbv.report.review.view import first_view, view_after
 from nbv.scanning.sensor import Sensor
 from scenes.checks import FloatArray, InputError, check_coordinates
 from scenes.run.atomic import json_text

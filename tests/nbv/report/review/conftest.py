@@ -7,8 +7,8 @@ import pytest
 
 from completion.merging.scan_surfaces import find_surfaces
 from completion.options import CompletionOptions
-from nbv.review.server import ReviewServer
-from nbv.review.session import ReviewSession
+from nbv.report.review.server import ReviewServer
+from nbv.report.review.session import ReviewSession
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
 from nbv.scanning.scanner import scan_scene

@@ -13,9 +13,9 @@ from nbv.report.blocks.page import VIEW_PARTS, joined_script, state_colours, sty
 
 def page_text(title: str, nonce: str) -> str:
     """Return the page as HTML; scripts and styles carry the `nonce` that its policy names."""
-    folder = resources.files("nbv.review") / "page"
+    folder = resources.files("nbv.report.review") / "page"
     environment = Environment(
-        loader=PackageLoader("nbv.review", "page"), autoescape=True, undefined=StrictUndefined
+        loader=PackageLoader("nbv.report.review", "page"), autoescape=True, undefined=StrictUndefined
     )
     return environment.get_template("review.html.j2").render(
         title=title,

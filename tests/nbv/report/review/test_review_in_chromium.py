@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from nbv.review.server import ReviewServer
+from nbv.report.review.server import ReviewServer
 from nbv.scanning.sensor import PinholeSensor
 from tests.helpers.browser import LOOPBACK, Browser, needs_chromium
-from tests.nbv.review.test_session import wall_of
+from tests.nbv.report.review.test_session import wall_of
 
 pytestmark = [needs_chromium, pytest.mark.long]
 SCREENSHOTS = os.environ.get("UNSEEN_SCREENSHOTS")

@@ -10,7 +10,7 @@ import numpy as np
 from completion.result.completion import Completion
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.planner import PlannerOptions
-from nbv.review.asking import hidden_box
+from nbv.report.review.asking import hidden_box
 from nbv.scanning.sensor import Sensor
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_map import ScanMap, with_known_noise

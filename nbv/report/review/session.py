@@ -26,7 +26,7 @@ from completion.options import CompletionOptions
 from completion.pipeline import bound_surfaces, complete_surfaces
 from completion.relations.relation import relation_record, scan_relations_of
 from completion.result.completion import Completion
-from nbv.review.consequence import Consequence, compare
+from nbv.report.review.consequence import Consequence, compare
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
