@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from completion.export.building.cut import CutLine, UprightCut, plan_of, sections_of
 from completion.export.building.limits import NEARLY_ALL
 from completion.export.building.model import BuildingModel, matrix_text
+from completion.export.dimension import Dimension
+from completion.export.room_dimensions import RoomStamp, told_area
 from scenes.checks import FloatArray
 from scenes.io.formats.format import METRES_PER_UNIT, Units
 
@@ -24,14 +26,21 @@ _VERSION = "R2010"  # what current CAD programs and those of fifteen years ago r
 _APP = "UNSEEN"  # name of the extended data: what a program that does not know it leaves alone
 _WHITE, _BLUE, _RED, _GREEN, _GREY, _MAGENTA = 7, 5, 1, 3, 8, 6  # colours by index
 _DASH = 0.2  # of the line type's own length, 0.6 m
+_AT = 0.3  # along a dimension, where its text is: those of two widths cross in the middle
 _TEXT_M, _GAP_M = 0.15, 1.0  # height of titles; between the plan and the sections beside it
 _UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "us-ft": 21}  # of $INSUNITS, DXF reference 2018
 _INVISIBLE = (1, 2, 8)  # flags of the edges of a 3DFACE whose fourth corner is the third again
 
 
-def dxf_of(model: BuildingModel, units: Units = "m") -> bytes:
+def dxf_of(
+    model: BuildingModel,
+    units: Units = "m",
+    widths: Sequence[Dimension] = (),
+    stamps: Sequence[RoomStamp] = (),
+) -> bytes:
     """Return a model as DXF (AutoCAD 2010) in a unit of length; the same model gives the same bytes.
 
+    `widths` become dimensions (DIMENSION-MEASURED, DIMENSION-INFERRED), `stamps` texts (ROOM).
     Model space holds, where they are, facets (3DFACE on MEASURED-<KIND> and INFERRED-<KIND>; edges between
     two of one surface and state are invisible), folds (FOLD-MEASURED: at least 95 % of the length was
     measured on both sides; else FOLD-INFERRED), corners (points on CORNER), outlines of openings (OPENING)
@@ -57,7 +66,11 @@ def dxf_of(model: BuildingModel, units: Units = "m") -> bytes:
         _add_lines(space, plan.lines, "PLAN")
         told = plan.caption if units == "m" else f"{plan.caption} The drawing is in {units}."
         _add_sections(space, model, sections, told)
-        _finish(document, model, 1 / METRES_PER_UNIT[units])
+        metre = 1 / METRES_PER_UNIT[units]
+        _scale(space, metre)
+        _add_dimensions(space, widths, metre)
+        _add_stamps(space, stamps, metre)
+        _finish(document, model, metre)
         for kind in sorted(document.entitydb.dxf_types_in_use()):  # the library would go by a set's order
             document.classes.add_class(kind)
         text = io.StringIO()
@@ -151,11 +164,51 @@ def _add_text(space: Modelspace, text: str, place: FloatArray, layer: str = "TEX
     space.add_text(text, height=_TEXT_M, dxfattribs={"layer": layer, "insert": (*place.tolist(), 0.0)})
 
 
-def _finish(document: Drawing, model: BuildingModel, metre: float) -> None:
-    """Scale all to the unit of which a metre has `metre`; say how layers look, and where to look first."""
-    space = document.modelspace()
+def _scale(space: Modelspace, metre: float) -> None:
+    """Scale all to the unit of which a metre has `metre`."""
     for entity in space if metre != 1 else ():
         entity.transform(Matrix44.scale(metre))
+
+
+def _add_dimensions(space: Modelspace, widths: Sequence[Dimension], metre: float) -> None:
+    """Widths of rooms as dimensions, in the unit of which a metre has `metre`."""
+    for width in widths:
+        state = "MEASURED" if width.measured_share == 1 else "INFERRED"
+        axis = int(np.abs(width.ends[1] - width.ends[0]).argmax())  # text reads from below or from the right
+        ends = metre * width.ends[np.argsort(width.ends[:, axis])]
+        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        digits, size = 3 if metre == 1 else 1, metre * _TEXT_M
+        text = f"{metre * width.value:.{digits}f}"
+        if np.isfinite(width.half):
+            step = 10.0**-digits
+            text += f" %%p{max(np.ceil(metre * width.half / step - 1e-9) * step, step):.{digits}f}"
+        style = {"dimtxt": size, "dimasz": 0.6 * size, "dimgap": 0.3 * size, "dimtad": 1, "dimexo": 0.0}
+        how = {"layer": f"DIMENSION-{state}"}
+        drawn = space.add_aligned_dim(
+            ends[0].tolist(), ends[1].tolist(), 0.0, text, override=style, dxfattribs=how
+        )
+        beside = 0.8 * size * np.array([-along[1], along[0], 0.0])
+        drawn.set_location((ends[0] + _AT * (ends[1] - ends[0]) + beside).tolist(), relative=False)
+        drawn.render()
+        drawn.dimension.set_xdata(
+            _APP, [*((1071, number) for number in width.surfaces), (1040, width.low), (1040, width.high)]
+        )
+
+
+def _add_stamps(space: Modelspace, stamps: Sequence[RoomStamp], metre: float) -> None:
+    """Name, area and height of each closed room, a line each, beside its middle, where widths are."""
+    for stamp in stamps:
+        lines = [stamp.name, told_area(stamp.area)]
+        lines += [] if stamp.height_m is None else [f"height {stamp.height_m:.2f} m"]
+        for k, text in enumerate(lines):
+            x, y, z = stamp.area.ends[0] + _TEXT_M * np.array([2.0, -2.5 - 1.6 * k, 0.0])
+            how = {"layer": "ROOM", "insert": (metre * x, metre * y, metre * z)}
+            space.add_text(text, height=metre * _TEXT_M, dxfattribs=how)
+
+
+def _finish(document: Drawing, model: BuildingModel, metre: float) -> None:
+    """Say how layers look, and where to look first, in the unit of which a metre has `metre`."""
+    space = document.modelspace()
     document.header["$LTSCALE"] = _DASH * metre
     for name in sorted({entity.dxf.layer for entity in space}):
         dashed = (

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 
 import numpy as np
@@ -40,6 +41,35 @@ def room_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         if room.volume_m3 is not None and room.height_m is not None and level:
             sizes.append(_volume(room, sides, level, building.model.errors))
     return tuple(sizes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomStamp:
+    """What a drawing writes into a closed room: its name as in IFC, its area, its height where known."""
+
+    name: str
+    area: Dimension
+    height_m: float | None
+
+
+def room_stamps(building: BuildingParts) -> tuple[RoomStamp, ...]:
+    """Return the stamps of closed rooms."""
+    areas = iter(size for size in room_sizes(building) if size.kind == "room area")
+    stamps, counts = [], Counter[int]()
+    for room in building.rooms:
+        counts[room.storey] += 1
+        if room.closed:
+            name = f"Room {room.storey}.{counts[room.storey]}"
+            stamps.append(RoomStamp(name, next(areas), room.height_m))
+    return tuple(stamps)
+
+
+def told_area(size: Dimension) -> str:
+    """Return an area as drawings show it, square metres, the interval, if known, rounded up."""
+    half = ""
+    if np.isfinite(size.half):
+        half = f" \u00b1 {max(np.ceil(100 * size.half - 1e-9) / 100, 0.01):.2f}"
+    return f"{size.value:.2f}{half} m\u00b2"
 
 
 def thicknesses(building: BuildingParts) -> tuple[Dimension, ...]:

@@ -16,13 +16,14 @@ from completion.export.building.model import BuildingModel, told_turn
 from completion.export.building.parts import BuildingParts
 from completion.export.building.things import STATES
 from completion.export.dimension import Dimension
-from completion.export.room_dimensions import room_sizes, widths_of
+from completion.export.room_dimensions import room_stamps, told_area, widths_of
 from scenes.checks import FloatArray
 
 _SCALES = (5, 10, 20, 25, 50, 100, 200, 250, 500, 1000, 2000, 2500, 5000)
 _LONG_MM, _SHORT_MM = 297.0, 210.0
-_MARGIN_MM, _BLOCK_MM, _AIR_MM = 10.0, 34.0, 10.0  # around; of the title block; between frame and drawing
+_MARGIN_MM, _BLOCK_MM, _AIR_MM = 10.0, 37.0, 10.0  # around; of the title block; between frame and drawing
 _LETTER = 0.56  # mean width of a letter over its height
+_LINE = 1.35  # from a line of text to the next, heights of a letter
 _PLACES = (0.5, 0.35, 0.65, 0.22, 0.78, 0.12, 0.88)  # along a dimension
 
 
@@ -96,8 +97,22 @@ class Lettering:
                 return middle, turn
         return None
 
+    def block(
+        self, foot: FloatArray, texts: Sequence[str], size_mm: float
+    ) -> list[tuple[FloatArray, float]] | None:
+        """Return where the lines of a level block of text go, about a foot (2, 2); None where taken."""
+        wide = _LETTER * size_mm * max(map(len, texts))
+        step, middle = _LINE * size_mm, foot.mean(axis=0)
+        top = middle[1] - step * (len(texts) - 1) / 2
+        low, high = middle[0] - wide / 2, middle[0] + wide / 2
+        box = shapely.box(low, top - 1.2 * size_mm, high, top + step * (len(texts) - 1) + 0.3 * size_mm)
+        if any(box.intersects(other) for other in self.taken):
+            return None
+        self.taken.append(box)
+        return [(np.array([middle[0], top + step * k]), 0.0) for k in range(len(texts))]
+
     def keep(self, ends: Sequence[FloatArray]) -> None:
-        """Keep text off the lines between ends (2, 2)."""
+        """Keep text off polylines (n, 2)."""
         self.taken += [shapely.LineString(end).buffer(0.3) for end in ends]
 
 
@@ -124,6 +139,7 @@ text { fill: #000; font-size: 2.6px; }
 """.strip()
 _TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
 _TOLD_UNKNOWN = "Widths between walls in metres; how exact they are is not known."
+_TOLD_AREAS = "Areas are between walls, doorways and things not taken off."
 _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 _LEGEND = 4  # kinds of lines in a row of the legend
@@ -156,9 +172,11 @@ def svg_of(building: BuildingParts) -> str:
     strokes_of = {"below": below, **outlines, **lines}
     drawn = {state: strokes for state, strokes in strokes_of.items() if strokes}
     lettering = Lettering()
+    edges = [line for state, strokes in drawn.items() if state not in ("below", "rest") for line in strokes]
+    lettering.keep([paper.place(line) for line in edges])
     drawn_widths = [width for width in widths_of(building) if abs(width.ends[0, 2] - plan.height_m) < _SAME_M]
     widths = _dimensions(drawn_widths, paper, lettering)
-    areas = _areas(building, plan, paper, lettering)
+    stamps = _stamps(building, plan, paper, lettering)
     left, top, wide, high = paper.frame
     body = [
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
@@ -167,10 +185,10 @@ def svg_of(building: BuildingParts) -> str:
         *(_path(paper, strokes, state) for state, strokes in drawn.items()),
         *_openings(model, plan, paper, lettering),
         *widths,
-        *areas,
+        *stamps,
         "</g>",
         f'<path class="frame" d="M{_n(left)} {_n(top)}h{_n(wide)}v{_n(high)}h{_n(-wide)}z"/>',
-        *_block(paper, [plan.caption, *_told_widths(widths)], drawn),
+        *_block(paper, [_told_scans(building.model, plan), *_told_widths(widths, bool(stamps))], drawn),
     ]
     size = f'width="{_n(paper.width_mm)}mm" height="{_n(paper.height_mm)}mm"'
     return "\n".join(
@@ -211,8 +229,10 @@ def _openings(model: BuildingModel, plan: LevelCut, paper: Paper, lettering: Let
         aside = outward[opening.surface] * np.array([1.0, -1.0])
         openings.append(_line(ends, "opening"))
         text = f"{opening.kind} {opening.width_m:.2f} \u00d7 {opening.height_m:.2f}"
-        foot = ends + (_OUTSIDE_MM if aside[1] > 0 or aside[0] > 0.5 else 1.2) * aside
-        put = lettering.along(foot, text, _TEXT_MM)
+        reach = _OUTSIDE_MM if aside[1] > 0 or aside[0] > 0.5 else 1.2
+        put = lettering.along(ends + reach * aside, text, _TEXT_MM)
+        inside = 1.2 if reach == _OUTSIDE_MM else _OUTSIDE_MM
+        put = put or lettering.along(ends - inside * aside, text, _TEXT_MM)
         openings += [_text(*put, text, ' class="label"')] if put else []
     return openings
 
@@ -245,30 +265,38 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
     return drawn
 
 
-def _areas(building: BuildingParts, plan: LevelCut, paper: Paper, lettering: Lettering) -> list[str]:
-    """The area of each closed room that the plan cuts, in its middle or as near to it as is free."""
-    areas = []
-    for size in room_sizes(building):
-        if size.kind != "room area" or abs(size.ends[0, 2] - plan.height_m) > _STOREY_M:
+def _stamps(building: BuildingParts, plan: LevelCut, paper: Paper, lettering: Lettering) -> list[str]:
+    """Name, area and height of each closed room that the plan cuts, in its middle or as near as is free."""
+    drawn = []
+    for stamp in room_stamps(building):
+        if abs(stamp.area.ends[0, 2] - plan.height_m) > _STOREY_M:
             continue
-        middle = paper.place(size.ends)[0]
-        half = ""
-        if np.isfinite(size.half):
-            half = f" \u00b1 {max(np.ceil(100 * size.half - 1e-9) / 100, 0.01):.2f}"
-        text = f"{size.value:.2f}{half} m\u00b2"
+        middle = paper.place(stamp.area.ends)[0]
+        lines = [(stamp.name, "label"), (told_area(stamp.area), "label area")]
+        if stamp.height_m is not None:
+            lines.append((f"height {stamp.height_m:.2f} m", "label"))
         for off in _BESIDE_MM:
-            put = lettering.along(middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]]), text, _TEXT_MM)
+            foot = middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]])
+            put = lettering.block(foot, [text for text, _ in lines], _TEXT_MM)
             if put is not None:
-                areas.append(_text(*put, text, ' class="label area"'))
+                drawn += [
+                    _text(*at, text, f' class="{kind}"') for at, (text, kind) in zip(put, lines, strict=True)
+                ]
                 break
-    return areas
+    return drawn
 
 
-def _told_widths(drawn: Sequence[str]) -> list[str]:
-    """What is said of widths, if any are drawn."""
+def _told_scans(model: BuildingModel, plan: LevelCut) -> str:
+    """The title: of which scans it is, and where it is cut."""
+    return f"{model.title}: {plan.caption}" if model.title else plan.caption
+
+
+def _told_widths(drawn: Sequence[str], has_stamps: bool) -> list[str]:
+    """What is said of widths and areas, if any are drawn."""
     is_inferred = any("on-inferred" in text for text in drawn)
     sentence = _TOLD_WIDTHS if any("\u00b1" in text for text in drawn) else _TOLD_UNKNOWN
-    return [sentence + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
+    told = [sentence + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
+    return [*told, *([_TOLD_AREAS] if has_stamps else [])]
 
 
 def told_width(dimension: Dimension) -> str:
@@ -298,7 +326,7 @@ def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> l
     }
     shown = {state: name for state, name in names.items() if state in states}
     for k, (state, name) in enumerate(shown.items()):
-        start = np.array([left + 34 * (k % _LEGEND), foot + 15.0 + 4.5 * (k // _LEGEND)])
+        start = np.array([left + 34 * (k % _LEGEND), foot + 18.5 + 4.0 * (k // _LEGEND)])
         drawn.append(_line(np.array([start, start + [10, 0]]), state))
         drawn.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
     metres = max(
@@ -307,13 +335,13 @@ def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> l
         for power in range(-2, 4)
         if base * 10.0**power * 1000 / paper.scale <= _SCALE_BAR_MM
     )
-    bar, base_line = metres * 1000 / paper.scale, foot + 26
+    bar, base_line = metres * 1000 / paper.scale, foot + 29
     drawn.append(f'<path class="thin" d="M{_n(left)} {_n(base_line)}h{_n(bar)}v-2h{_n(-bar)}z"/>')
     drawn.append(f'<path class="full" d="M{_n(left)} {_n(base_line)}h{_n(bar / 2)}v-2h{_n(-bar / 2)}z"/>')
     drawn.append(f'<text x="{_n(left)}" y="{_n(base_line + 4)}">0</text>')
     drawn.append(f'<text x="{_n(left + bar)}" y="{_n(base_line + 4)}" class="label">{metres:g} m</text>')
     drawn.append(f'<text x="{_n(left + bar + 8)}" y="{_n(base_line)}">1 : {paper.scale} on A4</text>')
-    corner = np.array([right - 16, foot + 28.0])
+    corner = np.array([right - 16, foot + 31.0])
     for name, way in (("+x", np.array([10.0, 0])), ("+y", np.array([0, -10.0]))):
         tip, side = corner + way, np.array([-way[1], way[0]]) * 0.08
         drawn.append(_line(np.array([corner, tip]), "thin"))

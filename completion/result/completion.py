@@ -21,6 +21,7 @@ from completion.export.building.model import building_model
 from completion.export.building.parts import BuildingParts, building_parts
 from completion.export.decisions import TOLERANCE_M, DecisionSheet, decision_sheet
 from completion.export.ifc import ifc_of
+from completion.export.room_dimensions import room_stamps, widths_of
 from completion.export.svg import svg_of
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.result.completed_model import CompletedModel
@@ -53,6 +54,7 @@ def building_of(completion: CompletedModel) -> BuildingParts:
         world=completion.drawing_from_reference,
         drawing_from_world=completion.up.drawing_from_world,
         things=completion.things,
+        title=_title_of(completion),
     )
     return building_parts(
         model,
@@ -63,6 +65,12 @@ def building_of(completion: CompletedModel) -> BuildingParts:
             tolerance,
         ),
     )
+
+
+def _title_of(completion: CompletedModel) -> str:
+    """The name of the scan that is drawn, or of the first of several."""
+    names = [seen.scan.name for seen in completion.observations]
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
 _BUILDINGS = (".dxf", ".svg", ".ifc")
@@ -260,7 +268,7 @@ def _export(
         case ".dxf" if building is not None:
             from completion.export.dxf import dxf_of  # its library is loaded where it is asked for
 
-            write_bytes(path, dxf_of(building.model, units))
+            write_bytes(path, dxf_of(building.model, units, widths_of(building), room_stamps(building)))
         case ".svg" if building is not None:
             write_text(path, svg_of(building))
         case ".ifc" if building is not None:

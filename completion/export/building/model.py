@@ -324,6 +324,8 @@ class BuildingModel:
         The turn from the world of the scans to this one, in which z is up.
     things : tuple of BuildingThing
         What stands in it, closed; none where back sides were not asked for.
+    title : str
+        Of which scans it is.
     """
 
     vertices: FloatArray
@@ -343,6 +345,7 @@ class BuildingModel:
     errors: JointErrors
     drawing_from_world: Pose = field(default_factory=Pose.identity)
     things: tuple[BuildingThing, ...] = ()
+    title: str = ""
 
     @property
     def walls(self) -> tuple[PlaneElement, ...]:
@@ -370,6 +373,7 @@ def building_model(
     world: Pose,
     drawing_from_world: Pose,
     things: Sequence[ClosedThing] = (),
+    title: str = "",
 ) -> BuildingModel:
     """Return what drawings show of a completed model.
 
@@ -391,6 +395,8 @@ def building_model(
         From the scans' world to it.
     things : sequence of ClosedThing
         What stands in the room.
+    title : str
+        Of which scans it is.
     """
     planes = [
         plane_element(int(surface["id"]), surface, patches[int(surface["id"]) - 1], world)
@@ -442,6 +448,7 @@ def building_model(
         errors=errors,
         drawing_from_world=drawing_from_world,
         things=tuple(building_things(things)),
+        title=title,
     )
 
 

@@ -166,3 +166,24 @@ def test_a_drawing_is_in_the_unit_that_is_asked_for(units, code, metric):
     (line,) = other.modelspace().query("POLYLINE[layer=='OPENING']")
     assert [tag.value * unit for tag in line.get_xdata("UNSEEN")[2:]] == pytest.approx([1.0, 2.0])
     assert other.audit().errors == []
+
+
+@pytest.mark.parametrize("units", ["m", "mm", "us-ft"])
+def test_widths_are_dimensions_and_rooms_have_stamps(units, tmp_path):
+    done = panorama()
+    done.export(tmp_path / "room.dxf", units=units)
+    document = ezdxf.readfile(tmp_path / "room.dxf")
+    unit = METRES_PER_UNIT[units]
+    found = document.modelspace().query("DIMENSION")
+    assert {one.dxf.layer for one in found} == {"DIMENSION-MEASURED"}
+    spans = [unit * np.linalg.norm(np.subtract(one.dxf.defpoint3, one.dxf.defpoint2)) for one in found]
+    assert sorted(spans) == pytest.approx(sorted(SIZE[:2]), abs=0.003)
+    assert [one.get_measurement() * unit for one in found] == pytest.approx(spans)
+    texts = {one.dxf.text for one in found}
+    assert len(texts) == 2
+    assert all("%%p" in text for text in texts)
+    stamps = on(document, "TEXT", "ROOM")
+    assert next(one.dxf.text for one in stamps) == "Room 0.1"
+    middle = np.array(stamps[0].dxf.insert)[:2] * unit - UTM[:2]
+    assert (np.abs(middle - np.array(SIZE[:2]) / 2) < 1).all()
+    assert document.audit().errors == []

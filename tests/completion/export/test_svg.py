@@ -111,7 +111,7 @@ def test_paper_takes_the_largest_scale_that_fits():
     upright = Paper.of(np.array([[0, 0], [3.0, 9.0]]))
     assert (lying.width_mm, lying.scale, upright.width_mm, upright.scale) == (297, 50, 210, 50)
     assert Paper.of(np.array([[0, 0], [90_000.0, 3.0]])).scale % 1000 == 0
-    np.testing.assert_allclose(lying.place(lying.centre[None]), [[297 / 2, 10 + (210 - 20 - 34) / 2]])
+    np.testing.assert_allclose(lying.place(lying.centre[None]), [[297 / 2, 10 + (210 - 20 - 37) / 2]])
 
 
 def test_text_is_read_from_below_or_the_right_and_keeps_apart():
@@ -138,3 +138,22 @@ def test_a_browser_opens_it(tmp_path):
         assert (tab.pixels() < 100).all(axis=2).sum() > 500
     finally:
         browser.close()
+
+
+def test_rooms_have_stamps_that_lie_over_no_wall(root):
+    words = [one.text for one in root.iter(f"{SVG}text")]
+    assert "Room 0.1" in words
+    assert f"height {SIZE[2]:.2f} m" in words
+    assert any(re.match(r".+: Plan, cut 1\.1 m above the lowest floor", word) for word in words)
+    assert "Areas are between walls, doorways and things not taken off." in words
+
+
+def test_blocks_of_text_keep_off_lines_and_each_other():
+    lettering = Lettering()
+    lettering.keep([np.array([[0.0, 0.0], [50.0, 0.0]])])
+    foot = np.array([[10.0, 0.0], [12.0, 0.0]])
+    assert lettering.block(foot, ["Room 0.1", "12.00 m2"], 2.6) is None
+    put = lettering.block(foot + [0, 9.0], ["Room 0.1", "12.00 m2"], 2.6)
+    assert [place[0] for place, _ in put] == [11.0, 11.0]
+    assert put[0][0][1] < put[1][0][1]
+    assert lettering.block(foot + [0, 9.0], ["x"], 2.6) is None
