@@ -184,6 +184,6 @@ def test_widths_are_dimensions_and_rooms_have_stamps(units, tmp_path):
     assert all("%%p" in text for text in texts)
     stamps = on(document, "TEXT", "ROOM")
     assert next(one.dxf.text for one in stamps) == "Room 0.1"
-    middle = np.array(stamps[0].dxf.insert)[:2] * unit - UTM[:2]
+    middle = np.array(stamps[0].dxf.insert)[:2] * unit - UTM.translation[:2]
     assert (np.abs(middle - np.array(SIZE[:2]) / 2) < 1).all()
     assert document.audit().errors == []
