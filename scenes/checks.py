@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.card import Value
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
@@ -195,3 +197,12 @@ def freeze_arrays(value: Any) -> None:
             shown = array.view()
             shown.setflags(write=False)
             object.__setattr__(value, field.name, shown)
+
+
+class ArrayValue(Value):
+    """A base of frozen dataclasses whose arrays become read-only when they are made."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts load when they are first used
 
+from scenes.card import Value
 from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
 from scenes.limits import ORTHONORMAL_TOLERANCE, UNIT_TOLERANCE
 
@@ -63,7 +64,7 @@ def _scale_of(rotation: FloatArray) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class Pose(Value):
     """A rigid motion as a 4x4 matrix, here always `world_from_sensor`.
 
     The sensor frame is x right, y down, z forward; the world is right-handed with z up. Metres.

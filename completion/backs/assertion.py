@@ -14,11 +14,12 @@ from completion.backs.probability import Element
 from completion.backs.seeing import is_possible, see
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asserted:
+class Asserted(Value):
     """Inferred surface as points.
 
     Attributes

@@ -18,6 +18,7 @@ from completion.backs.seeing import moved_by
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
 from completion.evidence.sight import Eye, pixel_of
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
@@ -28,7 +29,7 @@ _IDENTITY = np.eye(3, 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClosedShape:
+class ClosedShape(Value):
     """A watertight mesh of a thing.
 
     Attributes

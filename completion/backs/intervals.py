@@ -13,13 +13,14 @@ from completion.backs.limits import BACK_FACE, DEPTH_SLACK, LEAST_EXTENT, SEEN_D
 from completion.backs.symmetry import Symmetry
 from completion.backs.views import Scale, Setting, Sight, ThingView
 from completion.backs.weights import VOLUMES
+from scenes.card import Value
 from scenes.checks import FloatArray
 
 _SHARE = 0.8
 
 
 @dataclass(frozen=True, slots=True)
-class VolumeInterval:
+class VolumeInterval(Value):
     """Volume that a thing takes up, cubic metres: of the closed mesh, an 80 % interval, the certain bound.
 
     `certain_most` is what lies in the thing's shadow, down to the support and up to walls; None where that
@@ -34,7 +35,7 @@ class VolumeInterval:
 
 
 @dataclass(frozen=True, slots=True)
-class DepthInterval:
+class DepthInterval(Value):
     """Extent of a thing along a level direction (`way`, away from its front), metres, and why."""
 
     least: float

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from scenes.card import Value
 from scenes.checks import InputError
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class BackOptions:
+class BackOptions(Value):
     """What is inferred of the unseen sides of things.
 
     Parameters

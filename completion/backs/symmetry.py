@@ -11,13 +11,14 @@ import numpy as np
 
 from completion.backs.limits import CELL, N_COARSE, N_LIMB, N_POINTS
 from completion.backs.views import Scale, Sight
+from scenes.card import Value
 from scenes.checks import FloatArray, IntArray
 
 Kind = Literal["mirror", "axis", "turn"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Symmetry:
+class Symmetry(Value):
     """One hypothesis: an isometry, or a group of them, that may map the thing into itself.
 
     Attributes

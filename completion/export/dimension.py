@@ -11,6 +11,7 @@ import numpy as np
 
 from completion.export.building.model import BuildingElement, PlaneElement
 from completion.uncertainty.joint_errors import JointErrors
+from scenes.card import Value
 from scenes.checks import FloatArray
 
 Kind = Literal[
@@ -24,7 +25,7 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Support:
+class Support(Value):
     """A place on a surface that a dimension rests on.
 
     Attributes
@@ -44,7 +45,7 @@ class Support:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Dimension:
+class Dimension(Value):
     """A number that people order by.
 
     Attributes

@@ -21,7 +21,7 @@ from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray
 
 
 class Provenance(IntEnum):
@@ -39,7 +39,7 @@ class Provenance(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patch:
+class Patch(ArrayValue):
     """One completed surface in its chart.
 
     Attributes
@@ -97,9 +97,6 @@ class Patch:
     trims: tuple[Trim, ...]
     verdict: SurfaceEdits
     feature: int = 0
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def observed(self) -> BoolArray:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation, ScanPixels
+from scenes.card import Value
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MergedSurface:
+class MergedSurface(Value):
     """One surface with all its pixels in all scans.
 
     Attributes

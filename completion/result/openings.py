@@ -15,6 +15,7 @@ from completion.edits.edit import FittedHole, FittedOpening, SurfaceEdits, outli
 from completion.evidence.chart_grid import ChartGrid
 from completion.export.panels.outline import intersect_lines, straight_corners, trace_cells
 from completion.extension.patch import Patch
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through
@@ -25,7 +26,7 @@ _FOLLOWS = 0.6  # share of a side that must lie near one edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OpeningSides:
+class OpeningSides(Value):
     """How well the n sides of an opening are known within their surface.
 
     Attributes
@@ -46,7 +47,7 @@ class OpeningSides:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceOpening:
+class SurfaceOpening(Value):
     """A hole in a surface.
 
     Attributes

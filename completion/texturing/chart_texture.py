@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.texturing.limits import DOUBTFUL
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray
 
 GREY = 158  # of a texel of which nothing is known
@@ -22,7 +23,7 @@ _TRIALS = 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChartTexture:
+class ChartTexture(Value):
     """Colour of a surface's chart.
 
     Attributes
@@ -117,7 +118,7 @@ def spread_colour(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Atlas:
+class Atlas(Value):
     """Pages of textures.
 
     Attributes

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,6 +22,8 @@ from nbv.inspection.models import write_design_glb, write_deviation_ply, write_i
 from nbv.inspection.next_stations import NextStations
 from nbv.inspection.record import FORMAT, check_record, elements_csv
 from nbv.run.showing import show_report
+from nbv.run.wording import count
+from scenes.card import Value
 from scenes.checks import InputError
 from scenes.io.checks.documents import read_json, read_toml
 from scenes.io.checks.guard import guard_reading
@@ -38,7 +41,7 @@ _MOST_BANDS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CheckedDesign:
+class CheckedDesign(Value):
     """A design that was checked against scans.
 
     Attributes
@@ -60,6 +63,16 @@ class CheckedDesign:
     conversion: MapConversion | None = None
     next_stations: NextStations | None = None
     changes: Sequence[Change] | None = None
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """How many elements came to which verdict, by how many scans."""
+        verdicts = Counter(element.verdict for element in self.elements)
+        return [
+            ("elements", f"{len(self.elements)} by {count(len(self.findings.scans), 'scan')}"),
+            *((verdict, str(n)) for verdict, n in sorted(verdicts.items())),
+            ("surface of no element", f"{len(self.extra)} pieces"),
+            ("false alarms expected", f"{self.findings.false_alarms_expected:.2g}"),
+        ]
 
     @property
     def elements(self) -> tuple[ElementFinding, ...]:

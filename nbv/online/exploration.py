@@ -15,6 +15,7 @@ from nbv.run.showing import show_report
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
+from scenes.card import Value
 from scenes.io.poses.trajectory import write_timed_poses
 from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
@@ -26,7 +27,7 @@ CURVE = ("views", "expected_gain_m2", "measured_m2", "met_m2", "unknown_m2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class Step(Value):
     """One view of an exploration.
 
     Attributes
@@ -68,7 +69,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Exploration:
+class Exploration(Value):
     """What an online planner did: its steps, what it knows in the end, and why it stopped.
 
     Attributes
@@ -139,6 +140,19 @@ class Exploration:
     def show(self, *, n_threads: int | None = None) -> Path:
         """Show the report of what its scans measured and where the unknown begins; see `nbv.show`."""
         return show_report(self, n_threads=n_threads)
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Views, what they measured, what stays unknown, and why there are no more."""
+        last = (
+            [
+                ("measured", f"{square_metres(step.measured_m2)} m\u00b2"),
+                ("as required", f"{square_metres(step.met_m2)} m\u00b2"),
+                ("boundary of the unknown", f"{square_metres(step.unknown_m2)} m\u00b2"),
+            ]
+            if (step := self.steps[-1] if self.steps else None)
+            else []
+        )
+        return [("views", str(len(self.steps))), *last, ("stopped because", self.stopped_because)]
 
     def __repr__(self) -> str:
         met = f", {square_metres(self.steps[-1].met_m2)} m2 measured as required" if self.steps else ""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.online.limits import FINE_ENOUGH_M, FLATTEST, STEADY_SD
+from scenes.card import Value
 from scenes.checks import FloatArray, InputError, frozen_copy, read_only_view
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
@@ -167,7 +168,7 @@ _MOST_VOXELS = 5e7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VoxelGrid:
+class VoxelGrid(Value):
     """Cubes of side `voxel_m` (metres) from `origin` (3,) along the world's axes, `shape` of them.
 
     Voxels are numbered in C order. Indices of points outside are -1.
@@ -293,7 +294,7 @@ UPWARD = 2  # the side of normals that lean to +z
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfels:
+class Surfels(Value):
     """Patches of seen surface: up to six a voxel, one for each axis direction that normals may lean to.
 
     A voxel in the corner of a room thus keeps its floor and its two walls apart.

@@ -28,6 +28,7 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Zones, zones_from_json
+from scenes.card import Card, CardPicture, CardShare, Value
 from scenes.checks import InputError, check_number
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import one_line
@@ -126,7 +127,7 @@ _CURE = "give the plan.json that `unseen plan` wrote"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Resumption:
+class Resumption(Value):
     """What a plan was resumed from: where the scans that were given have been taken.
 
     `met_fraction` is the share of the scene's area that they meet the requirement on; None without a scene.
@@ -145,7 +146,7 @@ class Resumption:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Plan:
+class Plan(Value):
     """A plan.
 
     Attributes
@@ -295,7 +296,6 @@ class Plan:
     def _repr_html_(self) -> str:
         """What a notebook shows: views, coverage and its curve."""
         from nbv.coverage.card_parts import area_bar, coverage_curve  # only notebooks need cards
-        from scenes.card import Card, CardPicture, CardShare
 
         figures = [
             ("views", f"{len(self.views)} of {self.n_candidates} candidates"),

@@ -19,6 +19,7 @@ from nbv.run.plan_options import PaceOptions
 from nbv.run.wording import count, duration
 from nbv.scanning.sensor import Sensor, SphericalSensor, View
 from nbv.visibility.limits import SAME_M
+from scenes.card import Value
 from scenes.checks import FloatArray
 from scenes.run.option import check_limits
 
@@ -71,7 +72,7 @@ USUAL_PACE = SitePace()
 
 
 @dataclass(frozen=True, slots=True)
-class SiteTime:
+class SiteTime(Value):
     """Seconds on site.
 
     Attributes

@@ -22,6 +22,7 @@ from scipy import ndimage
 from nbv.scanning.beam import reflectivity_of_colour
 from nbv.scanning.effects import Effects
 from nbv.scanning.sensor import Sensor
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.pose import Pose
 from scenes.scan.colour import unit_colour
@@ -48,7 +49,7 @@ _N_BINS = _DECADES * _FINE + 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ErrorTally:
+class ErrorTally(Value):
     """Sums over the pixels of k classes, that of several scans being the sum of theirs.
 
     Attributes

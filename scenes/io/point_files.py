@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from scenes.card import Value
 from scenes.checks import (
+    ArrayValue,
     BoolArray,
     ColourArray,
     FloatArray,
     InputError,
     IntArray,
     check_point,
-    freeze_arrays,
     frozen_copy,
     usable_rows,
 )
@@ -44,7 +45,7 @@ _MOST_LABEL = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PointCloud:
+class PointCloud(Value):
     """Points of a file.
 
     Attributes
@@ -218,7 +219,7 @@ def _labels(label: FloatArray, name: str) -> IntArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartFile:
+class PartFile(ArrayValue):
     """What a file holds of a part.
 
     Attributes
@@ -247,9 +248,6 @@ class PartFile:
     rows: IntArray | None = None
     warnings: tuple[str, ...] = ()
     step_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile:

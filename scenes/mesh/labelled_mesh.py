@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.card import Value
 from scenes.checks import (
     BoolArray,
     FloatArray,
@@ -24,7 +25,7 @@ from scenes.run.memory import in_blocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Appearance:
+class Appearance(Value):
     """Colour of every face: corner colours times, where a face has one, a texture image.
 
     Parameters
@@ -129,7 +130,7 @@ def spread_points(corners: FloatArray, n: int) -> tuple[FloatArray, IntArray]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LabelledMesh:
+class LabelledMesh(Value):
     """A triangle mesh whose faces know their surface.
 
     Parameters

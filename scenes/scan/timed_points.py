@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.card import Value
 from scenes.checks import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TimedPoints:
+class TimedPoints(Value):
     """Points of one turn of a scanner, or of one image of a camera.
 
     Attributes

@@ -8,13 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from scenes.card import Value
 from scenes.checks import FloatArray, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plane:
+class Plane(Value):
     """The plane through `point` with unit `normal`; chart origin `point`, u along `u_direction`.
 
     Parameters

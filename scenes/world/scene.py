@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from scenes.card import Card, Value
 from scenes.checks import InputError
 from scenes.mesh.design import Design, Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -25,7 +26,7 @@ _NAMES_TOLD = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene:
+class Scene(Value):
     """What there is to scan.
 
     Parameters
@@ -176,8 +177,6 @@ class Scene:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: size, surfaces and warnings."""
-        from scenes.card import Card  # only notebooks need it
-
         kinds = Counter(
             "mesh only" if surface is None else type(surface).__name__.lower() for surface in self.surfaces
         )

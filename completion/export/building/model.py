@@ -15,6 +15,7 @@ from completion.export.panels.model import PanelModel
 from completion.extension.patch import Patch
 from completion.room.roles import Room
 from completion.uncertainty.joint_errors import JointErrors
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray
 from scenes.inclination import Inclination
 from scenes.pose import Pose
@@ -22,7 +23,7 @@ from scenes.surfaces.catalogue import Cylinder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BuildingElement:
+class BuildingElement(Value):
     """A completed surface.
 
     Attributes
@@ -196,7 +197,7 @@ REST = "rest"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoldLine:
+class FoldLine(Value):
     """An edge that two surfaces share: polyline (n, 3), world coordinates, metres, as of `FoldEdge`."""
 
     surfaces: tuple[int, int]
@@ -207,7 +208,7 @@ class FoldLine:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OpeningOutline:
+class OpeningOutline(Value):
     """An opening.
 
     Attributes
@@ -242,7 +243,7 @@ class OpeningOutline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoomPlan:
+class RoomPlan(Value):
     """A room in the plan, as the layout has it.
 
     Attributes
@@ -283,7 +284,7 @@ def room_plans(room: Room, patches: Sequence[Patch], world: Pose) -> tuple[RoomP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BuildingModel:
+class BuildingModel(Value):
     """What is drawn, in coordinates whose z is up: the world's where its own is.
 
     Attributes

@@ -34,11 +34,12 @@ from completion.export.step.regions import (
     place_text,
 )
 from completion.export.step.sewing import OpenEdge, SewnShape, sewn
+from scenes.card import Value
 from scenes.checks import FloatArray, InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FaceOutcome:
+class FaceOutcome(Value):
     """What became of a region.
 
     Attributes
@@ -80,7 +81,7 @@ class FaceOutcome:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepModel:
+class StepModel(Value):
     """A part as STEP.
 
     Attributes

@@ -23,6 +23,7 @@ from scipy.linalg import qr
 
 from completion.fitting.limits import EXACT_JOIN, NEARLY_JOIN, SQUARE
 from completion.fitting.patches.spline import SIDES, Basis, SideName, SplinePatch, side_rows
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import guard_reading
@@ -38,7 +39,7 @@ class JoinKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Boundary:
+class Boundary(Value):
     """What a patch meets along one of its boundaries.
 
     Attributes
@@ -287,7 +288,7 @@ _FIELDS = {"plane": ("point", "normal"), "cylinder": ("point", "direction", "rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchRequest:
+class PatchRequest(Value):
     """What a file of boundaries asks for: see `fit_patch`; `files` are those that it names."""
 
     boundaries: Mapping[SideName, Boundary]

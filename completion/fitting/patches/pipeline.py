@@ -36,6 +36,7 @@ from completion.fitting.patches.rounds import (
 )
 from completion.fitting.patches.spline import SideName, SplinePatch, products, side_places
 from completion.fitting.result import FitError
+from scenes.card import Value
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane
 
@@ -53,7 +54,7 @@ class MeasuredJoin(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchFit:
+class PatchFit(Value):
     """A free-form patch fitted to points between surfaces.
 
     Attributes

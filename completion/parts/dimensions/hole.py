@@ -6,6 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from scenes.card import Value
+
 OPEN, FLOOR, CONE = "open", "floor", "cone"
 
 
@@ -20,7 +22,7 @@ class HoleEnd(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hole:
+class Hole(Value):
     """A hole: the place of its wall, and its ends, the lower first along its axis."""
 
     place: int

@@ -22,6 +22,7 @@ from completion.relations.equations import Placement, move_surface, place
 from completion.relations.estimate import JointEstimate, wald_test
 from completion.relations.graph import is_settled
 from completion.relations.relation import Relation, RelationKind
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
@@ -35,7 +36,7 @@ _LARGE = 0.2  # of the largest face, from which its direction goes before those 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
+class Sweep(Value):
     """How a profile is moved.
 
     Attributes

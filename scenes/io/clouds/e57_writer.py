@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.checks import ArrayValue, ColourArray, FloatArray, InputError
 from scenes.io.checks.guard import import_extra
 from scenes.io.clouds.e57 import INFERRED, E57File
 from scenes.io.formats.facts import FormatFacts
@@ -33,7 +33,7 @@ _RANGES = {"surface": (0, 65535), "provenance": (0, 255)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InferredPoints:
+class InferredPoints(ArrayValue):
     """Points that nobody measured.
 
     Attributes
@@ -60,9 +60,6 @@ class InferredPoints:
     confidence: FloatArray
     sd: FloatArray
     legend: dict[str, str]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def columns(self) -> dict[str, Any]:
         """Return one array a field."""

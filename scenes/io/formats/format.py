@@ -16,7 +16,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.checks import ArrayValue, ColourArray, FloatArray, InputError
 from scenes.io.formats.crs import LengthUnit
 from scenes.io.formats.facts import FormatFacts
 from scenes.limits import FINE_M
@@ -32,7 +32,7 @@ NO_RAYS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RawPoints:
+class RawPoints(ArrayValue):
     """Points as a file holds them.
 
     Attributes
@@ -66,9 +66,6 @@ class RawPoints:
     unit: LengthUnit | None = None
     step: float = 0.0
     times: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def join_points(parts: Sequence[RawPoints]) -> RawPoints:
