@@ -6,17 +6,18 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Collection, Mapping, Sequence, Set
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from enum import Enum
 from html import escape
 from textwrap import wrap
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 _WIDTH, _MOST_LINES = 78, 5  # of a value's text: characters of a line, and lines
 _MOST_INNER, _SHORT, _MANY_FIELDS = 48, 6, 8  # characters of a field, entries that are told, fields
 _UNBROKEN = "\0"  # stands for spaces where no line may be broken
+_Kind = TypeVar("_Kind")
 # the colours that reports use for the same things; blue and orange stay apart for the colour-blind
 MEASURED, INFERRED, UNKNOWN, UNREACHABLE = "#9ea3a3", "#2e7acc", "#e69e1a", "#f2d9a8"
 
@@ -158,6 +159,12 @@ class Value:
         return Card(type(self).__module__.split(".")[0], words, self._facts()).to_html()
 
 
+def shown(kind: type[_Kind]) -> type[_Kind]:
+    """Give a named tuple the text of a `Value`."""
+    setattr(kind, "__repr__", lambda self: text_of_facts(kind.__name__, _field_facts(self)))  # noqa: B010
+    return kind
+
+
 def text_of_facts(name: str, facts: Sequence[tuple[str, str]]) -> str:
     """Return `name(label=value, ...)`, at most five lines and 400 characters; facts are not broken.
 
@@ -196,12 +203,12 @@ def brief(value: object, *, inner: bool = True) -> str:
         return f"[{entries}]" if is_short else f"{value.dtype} {value.shape}"
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, Enum):
+        return value.name
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, str | bool | int | None):
         return _shortened(repr(value), _MOST_INNER)
-    if isinstance(value, Enum):
-        return value.name
     if isinstance(value, Mapping | Sequence | Set):
         return _brief_entries(value, inner=inner)
     if is_dataclass(value) and not isinstance(value, type):
@@ -229,11 +236,15 @@ def _brief_entries(value: Collection[Any], *, inner: bool) -> str:
 
 
 def _field_facts(value: Any, *, inner: bool = True) -> list[tuple[str, str]]:
-    """The fields of a dataclass in brief, private ones left out, of many those at their defaults too."""
-    shown = [field for field in fields(value) if field.repr and not field.name.startswith("_")]
-    if len(shown) > _MANY_FIELDS:
-        shown = [field for field in shown if not _is_default(getattr(value, field.name), field.default)]
-    return [(field.name, brief(getattr(value, field.name), inner=inner)) for field in shown]
+    """The fields in brief, private ones left out; of many, those at their defaults too."""
+    if is_dataclass(value):
+        defaults = {field.name: field.default for field in fields(value) if field.repr}
+    else:
+        defaults = {name: value._field_defaults.get(name, MISSING) for name in value._fields}
+    held = {name: getattr(value, name) for name in defaults if not name.startswith("_")}
+    if len(held) > _MANY_FIELDS:
+        held = {name: one for name, one in held.items() if not _is_default(one, defaults[name])}
+    return [(name, brief(one, inner=inner)) for name, one in held.items()]
 
 
 def _is_default(value: object, default: object) -> bool:

@@ -19,6 +19,7 @@ from completion.registration.motions import STILL, angle_between, compose, inver
 from completion.registration.pose_candidates import form_candidates, plane_candidates, turn_candidates
 from completion.registration.refinement import PlacedScan, equations_of, refine, stiffness
 from completion.registration.station_view import StationView
+from scenes.card import Value
 from scenes.checks import FloatArray, IntArray
 
 
@@ -50,7 +51,7 @@ def _without_largest(normals: FloatArray, places: FloatArray, facets: IntArray) 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
+class Hypothesis(Value):
     """A motion of some scans into the frame of others, and what speaks for it.
 
     Attributes

@@ -221,7 +221,7 @@ class RelationFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Constraint:
+class Constraint(Value):
     """The equations of a relation at a place.
 
     Attributes

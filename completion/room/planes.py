@@ -13,6 +13,7 @@ from completion.fitting.result import allow_for_warp
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.room import limits
+from scenes.card import Value
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane
 
@@ -21,7 +22,7 @@ _N_POINTS = 800  # of a plane that are looked at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoomPlane:
+class RoomPlane(Value):
     """A plane of the room, working frame.
 
     Attributes
@@ -103,7 +104,7 @@ LevelRole = Literal["floor", "ceiling", "base", ""]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beams:
+class Beams(Value):
     """Some beams of all scans.
 
     Attributes

@@ -67,7 +67,7 @@ NEVER = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VisibilityHistory(Value):
+class VisibilityHistory(ArrayValue):
     """What views see of n samples, one after the other.
 
     What is seen of sample k stands from `start[k]` to `start[k + 1]`, (n + 1,): number (m,) of the view, from

@@ -25,7 +25,7 @@ _SAME = 7.5  # standard deviations of the range by which the steps to both sides
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageNormals:
+class ImageNormals(Value):
     """Local surface of each pixel (rows, columns), NaN where unknown.
 
     `normals` (rows, columns, 3) are world-frame units towards the sensor, `areas` the surface in square

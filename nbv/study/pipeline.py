@@ -23,7 +23,7 @@ from nbv.study.case import Case, cases_of, run_case
 from nbv.study.spec import StudySpec
 from nbv.visibility.visibility import Progress
 from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import ArrayValue, FloatArray, InputError
 from scenes.run.atomic import write_bytes, write_text
 from scenes.run.csv_table import csv_text
 
@@ -41,7 +41,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome(Value):
+class Outcome(ArrayValue):
     """Result of one case.
 
     Attributes

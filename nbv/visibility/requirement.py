@@ -96,7 +96,7 @@ ROUNDING = 1e-12  # of cosines, densities and deviations that are compared with 
 
 @dataclass(frozen=True, slots=True)
 class SightLimits(Value):
-    """Limits within which a line of sight counts: |cosine| of incidence, range gate in metres.
+    """Limits within which a line of sight counts: cosine of incidence, without sign, range gate in metres.
 
     Fewest points on a square metre and largest standard deviation in metres need `precision`: what the
     instrument makes of a surface.

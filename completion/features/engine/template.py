@@ -41,7 +41,7 @@ class PixelBeams(Value):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurements(Value):
+class Measurements(ArrayValue):
     """What was measured, in one frame and one unit.
 
     Attributes

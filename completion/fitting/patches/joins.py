@@ -23,7 +23,7 @@ from scipy.linalg import qr
 
 from completion.fitting.limits import EXACT_JOIN, NEARLY_JOIN, SQUARE
 from completion.fitting.patches.spline import SIDES, Basis, SideName, SplinePatch, side_rows
-from scenes.card import Value
+from scenes.card import Value, shown
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import guard_reading
@@ -199,6 +199,7 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
 """Independent is what is left of an equation by others: of linear ones, and of linearised ones."""
 
 
+@shown
 class ControlEquations(NamedTuple):
     """Equations rows @ x[columns] = value of the controls' coordinates x, and which of them are linear."""
 

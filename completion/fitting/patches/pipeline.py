@@ -36,7 +36,7 @@ from completion.fitting.patches.rounds import (
 )
 from completion.fitting.patches.spline import SideName, SplinePatch, products, side_places
 from completion.fitting.result import FitError
-from scenes.card import Value
+from scenes.card import Value, shown
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane
 
@@ -46,6 +46,7 @@ N_MEASURED = 400
 _CHUNK = 256  # places whose deviations are solved for at once
 
 
+@shown
 class MeasuredJoin(NamedTuple):
     """How well a patch meets a surface along a boundary."""
 

@@ -6,11 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from scenes.card import Value
+from scenes.card import Value, shown
 
 OPEN, FLOOR, CONE = "open", "floor", "cone"
 
 
+@shown
 class HoleEnd(NamedTuple):
     """What ends a hole: nothing behind it, a floor, or a cone; and the place of that face, -1 for none.
 
