@@ -130,14 +130,13 @@ class SurfaceFit(ArrayValue):
         """The kind of surface, its parameters and how well they are known."""
         figures = [("kind", f"{type(self.surface).__name__.lower()}, {self.metric}")]
         figures += [
-            (f"{name}, {_unit(name)}" if _unit(name) else name, _digits(value))
-            for name, value in self.parameters().items()
+            (name, f"{_digits(value)} {_unit(name)}".rstrip()) for name, value in self.parameters().items()
         ]
         figures += [
             (f"sd of {name}", f"{_digits(value)} {_deviation_unit(name)}")
             for name, value in self.parameter_deviations().items()
         ]
-        return [*figures, ("residual, rms", f"{1000 * self.rms:.3g} mm"), ("points", str(self.n))]
+        return [*figures, ("residual rms", f"{1000 * self.rms:.3g} mm"), ("points", str(self.n))]
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the parameters and how well they are known."""

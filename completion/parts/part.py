@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +17,11 @@ from completion.relations.graph import RelationGraph
 from completion.relations.relation import RelationStatus
 from scenes.card import Value
 from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.atomic import write_bytes
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +121,18 @@ class Part(Value):
             return [target]
         write_bytes(features, model.feature_data)
         return [target, features]
+
+    def to_trimesh(self) -> Trimesh:
+        """Return a part of a mesh as a `trimesh.Trimesh`, with `face_attributes["surface"]`.
+
+        Raises
+        ------
+        InputError
+            A part of points.
+        """
+        if self.faces is None or self.triangle_surface is None:
+            raise InputError("a part of points has no mesh; its points and their surfaces are arrays")
+        return LabelledMesh(self.points, self.faces, self.triangle_surface).to_trimesh()
 
     def _facts(self) -> list[tuple[str, str]]:
         """The surfaces, how many points lie on them, and which relations hold."""

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from itertools import chain
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,14 @@ from completion.result.verification import Verification
 from scenes.checks import InputError
 from scenes.io.clouds.e57_writer import write_e57
 from scenes.io.formats.format import Units
-from scenes.io.meshes.glb_writer import glb_of
+from scenes.io.meshes.glb_writer import glb_of, scene_of_parts
 from scenes.io.meshes.obj import write_obj
 from scenes.io.meshes.ply import PlyMesh
 from scenes.io.meshes.ply_writer import write_mesh_ply, write_meshes_ply
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json, write_text
+
+if TYPE_CHECKING:
+    from trimesh import Scene as TrimeshScene
 
 
 def building_of(completion: CompletedModel) -> BuildingParts:
@@ -116,6 +119,10 @@ class Completion(CompletedModel):
         record = completion_record(self, verification, observed=observed)
         building = self.building()
         write_model(self, folder, record, building=building, decisions=self.decisions(of=building))
+
+    def to_trimesh(self) -> TrimeshScene:
+        """Return the light model as a `trimesh.Scene`, with parts as `observed 1 plane` by name."""
+        return scene_of_parts(model_parts(self))
 
     def building(self) -> BuildingParts:
         """Return the light model with its walls, slabs, rooms, columns and pipes."""

@@ -31,6 +31,7 @@ from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import REASONS
 from scenes.card import Card, Value
 from scenes.checks import ArrayValue, BoolArray, FloatArray, frozen_copy
+from scenes.run.libraries import table_of
 
 
 def share_error(samples: SurfaceSamples, where: BoolArray, among: BoolArray | None = None) -> float:
@@ -369,6 +370,10 @@ class Coverage(Value):
             "set_apart_m2": dict(self.apart_m2),
             "surfaces": surfaces,
         }
+
+    def to_pandas(self) -> Any:
+        """Return `by_surface` as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of([asdict(row) for row in self.by_surface()])
 
     def show(
         self, scene: Scene, stations: Sequence[View] | Sequence[RangeImage], *, n_threads: int | None = None

@@ -33,6 +33,7 @@ from scenes.io.scene_files import load_scene, open_scene
 from scenes.mesh.design import ElementMesh, MapConversion
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_json, write_text
+from scenes.run.libraries import table_of
 from scenes.run.steps import Progress
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
@@ -88,6 +89,10 @@ class CheckedDesign(Value):
     def warnings(self) -> tuple[str, ...]:
         """What to know, a sentence each."""
         return self.findings.warnings
+
+    def to_pandas(self) -> Any:
+        """Return the elements of `elements.csv` as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of(elements_csv(self.findings))
 
     def record(self) -> dict[str, Any]:
         """Return what check.json holds."""

@@ -21,6 +21,7 @@ from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.run.atomic import Stage, make_folder, write_json, write_text
 from scenes.run.csv_table import csv_text
+from scenes.run.libraries import table_of
 from scenes.scan.range_image import RangeImage
 
 CURVE = ("views", "expected_gain_m2", "measured_m2", "met_m2", "unknown_m2")
@@ -102,11 +103,15 @@ class Exploration(Value):
         return tuple(step.scan for step in self.steps)
 
     def curve(self) -> list[dict[str, float | None]]:
-        """Return a row for each view, as for a table: `pandas.DataFrame(exploration.curve())`."""
+        """Return a row for each view, as of the table that `to_pandas` makes."""
         return [
             {"views": number, **{name: getattr(step, name) for name in CURVE[1:]}}
             for number, step in enumerate(self.steps, start=1)
         ]
+
+    def to_pandas(self) -> Any:
+        """Return the curve as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of(self.curve())
 
     def save(self, folder: str | os.PathLike[str], *, scans: bool = True) -> None:
         """Write `exploration.json`, `curve.csv`, `trajectory.txt` and, where asked, `scans/NNNN.npz`.

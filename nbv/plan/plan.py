@@ -36,6 +36,7 @@ from scenes.io.poses.trajectory import write_timed_poses
 from scenes.pose import Pose
 from scenes.run.atomic import Stage, make_folder, write_json, write_text
 from scenes.run.csv_table import csv_text
+from scenes.run.libraries import table_of
 
 CSV_NAME, TRAJECTORY_NAME = "plan.csv", "trajectory.txt"
 _STEEP = 1e-6  # length of a level part below which a direction has no heading
@@ -282,6 +283,10 @@ class Plan(Value):
             if self.stations is not None:
                 write_json(stage.path("stations.json"), self.stations.to_json())
             stage.commit(last="plan.json")
+
+    def to_pandas(self) -> Any:
+        """Return the stations of `stations.csv` as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of(stations_csv(self.views, self.visiting_order))
 
     def __repr__(self) -> str:
         met = "" if self.coverage is None else f", {percent(self.coverage.met)} % met"

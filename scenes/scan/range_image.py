@@ -17,8 +17,9 @@ from scenes.card import Card, Value
 from scenes.checks import BoolArray, FloatArray, InputError, check_options
 from scenes.limits import CODE_CLOSE, CODE_GAP, CODE_SAME, CODE_SPREAD, CODE_STRAYS, LEAST_TIMES, MOST_CODES
 from scenes.pose import Pose
+from scenes.run.libraries import open3d_cloud
 from scenes.run.mapping import release
-from scenes.scan.colour import colour_type
+from scenes.scan.colour import colour_type, unit_colour
 from scenes.scan.echoes import Echoes
 from scenes.scan.pixels import (
     check_same,
@@ -353,6 +354,11 @@ class RangeImage(Value):
         )
 
     thinned = thin  # earlier name
+
+    def to_open3d(self) -> Any:
+        """Return its points as an `open3d.geometry.PointCloud`; raises InputError without Open3D."""
+        colour = None if self.colour is None else unit_colour(self.colour[self.valid])
+        return open3d_cloud(self.points()[self.valid], colour)
 
     def release(self) -> None:
         """Let the system take back what memory holds of a large scan's pixels; they stay as they are."""

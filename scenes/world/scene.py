@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import Opening
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 Mode = Literal["room", "object"]
 _NAMES_TOLD = 5
@@ -90,7 +93,7 @@ class Scene(Value):
 
         Parameters
         ----------
-        mesh : trimesh.Trimesh, LabelledMesh or (vertices, faces)
+        mesh : LabelledMesh, (vertices, faces), or a mesh of trimesh, Open3D or pyvista
             World coordinates, metres, z up. Without labels all of it is one surface, of the scene's name.
         name : str
             What to call it.
@@ -102,16 +105,7 @@ class Scene(Value):
         InputError
             Something else, vertices that are not finite, faces of other vertices.
         """
-        if isinstance(mesh, tuple) and len(mesh) == 2:
-            vertices, faces = mesh
-        elif not isinstance(mesh, LabelledMesh):
-            vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
-            if vertices is None or faces is None:
-                raise InputError(
-                    f"a mesh must be a trimesh.Trimesh, a LabelledMesh or (vertices, faces), "
-                    f"got {type(mesh).__name__}; read files with load_scene"
-                )
-        labelled = mesh if isinstance(mesh, LabelledMesh) else LabelledMesh(vertices, faces)
+        labelled = LabelledMesh.of(mesh)
         n_surfaces = int(labelled.face_surface.max(initial=0)) + 1
         names = (name,) if n_surfaces == 1 else tuple(f"{name} {k}" for k in range(n_surfaces))
         kind = decide_mode(labelled) if mode is None else mode
@@ -121,6 +115,10 @@ class Scene(Value):
         return (
             f"Scene({self.name!r}, {self.mode}, {len(self.mesh.faces)} faces, {len(self.surfaces)} surfaces)"
         )
+
+    def to_trimesh(self) -> Trimesh:
+        """Return its mesh as a `trimesh.Trimesh`."""
+        return self.mesh.to_trimesh()
 
     def ray_caster(self, n_threads: int | None = None) -> RayCaster:
         """Return the mesh prepared for ray casting: the tree is built once and kept as long as the scene."""
