@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from enum import Enum
@@ -124,45 +123,15 @@ class Card:
         )
 
 
-class Value:
-    """A base of dataclasses that shows itself: at most five lines of text, in notebooks the same as a card.
-
-    What it tells are its fields, arrays by their shapes and other values by their names, unless the class has
-    better `_facts`. Of many fields, those at their defaults are left out.
-
-    Examples
-    --------
-    >>> @dataclass(frozen=True)
-    ... class Sheet(Value):
-    ...     corners: np.ndarray
-    ...     name: str = ""
-    >>> Sheet(np.zeros((4, 3)))
-    Sheet(corners=float64 (4, 3), name='')
-    """
-
-    __slots__ = ()
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        setattr(cls, "__repr__", cls.__repr__)  # noqa: B010 - `dataclass` makes one where the class has none
-
-    def _facts(self) -> list[tuple[str, str]]:
-        """What is told: names and values with their units."""
-        return _field_facts(self)
-
-    def __repr__(self) -> str:
-        return text_of_facts(type(self).__name__, self._facts())
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows: the facts as a table."""
-        words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(self).__name__).capitalize()
-        return Card(type(self).__module__.split(".")[0], words, self._facts()).to_html()
-
-
 def shown(kind: type[_Kind]) -> type[_Kind]:
-    """Give a named tuple the text of a `Value`."""
-    setattr(kind, "__repr__", lambda self: text_of_facts(kind.__name__, _field_facts(self)))  # noqa: B010
+    """Give a named tuple the text of a value (`scenes.checks.Value`)."""
+    setattr(kind, "__repr__", lambda self: text_of_facts(kind.__name__, field_facts(self)))  # noqa: B010
     return kind
+
+
+def text_of(value: Any) -> str:
+    """Return the text of a value that has `_facts`, by its class's name."""
+    return text_of_facts(type(value).__name__, value._facts())
 
 
 def text_of_facts(name: str, facts: Sequence[tuple[str, str]]) -> str:
@@ -212,8 +181,8 @@ def brief(value: object, *, inner: bool = True) -> str:
     if isinstance(value, Mapping | Sequence | Set):
         return _brief_entries(value, inner=inner)
     if is_dataclass(value) and not isinstance(value, type):
-        is_plain = type(value).__repr__ is Value.__repr__ or not isinstance(value, Value)
-        shown = [f"{name}={text}" for name, text in _field_facts(value, inner=False)] if inner else ["..."]
+        is_plain = type(value).__repr__ is text_of or not hasattr(value, "_facts")
+        shown = [f"{name}={text}" for name, text in field_facts(value, inner=False)] if inner else ["..."]
         text = f"{type(value).__name__}({', '.join(shown)})" if is_plain else repr(value)
         return text if len(text) <= _MOST_INNER else f"{type(value).__name__}(...)"
     text = repr(value)
@@ -235,7 +204,7 @@ def _brief_entries(value: Collection[Any], *, inner: bool) -> str:
     return f"{len(value)} {type(next(iter(value))).__name__}"
 
 
-def _field_facts(value: Any, *, inner: bool = True) -> list[tuple[str, str]]:
+def field_facts(value: Any, *, inner: bool = True) -> list[tuple[str, str]]:
     """The fields in brief, private ones left out; of many, those at their defaults too."""
     if is_dataclass(value):
         defaults = {field.name: field.default for field in fields(value) if field.repr}

@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, check_direction, check_number, freeze_arrays
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_number, freeze_arrays
 from scenes.pose import Pose
 
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]

@@ -13,8 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Value
-from scenes.checks import ArrayValue, FloatArray
+from scenes.checks import ArrayValue, FloatArray, Value
 from scenes.mesh.design import Element, ElementMesh
 from scenes.pose import Pose
 

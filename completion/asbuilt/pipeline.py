@@ -30,8 +30,7 @@ from completion.asbuilt.noise import fitted_sigma
 from completion.asbuilt.samples import SurfaceSamples, exposed_share, sample_design
 from completion.observe.observation import Observation, observe
 from completion.observe.rays import rays_of
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, Value
 from scenes.mesh.design import ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out

@@ -21,8 +21,7 @@ from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
 from completion.room.roles import Room
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 from scenes.inclination import Up
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.pose import Pose

@@ -18,8 +18,7 @@ from completion.backs.seeing import moved_by
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
 from completion.evidence.sight import Eye, pixel_of
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from texture.engine.compiled import compiled
 
 MEASURED, SYMMETRY, TURN, SUPPORT, WALL, HULL, BOUND = range(7)

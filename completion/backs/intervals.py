@@ -13,8 +13,7 @@ from completion.backs.limits import BACK_FACE, DEPTH_SLACK, LEAST_EXTENT, SEEN_D
 from completion.backs.symmetry import Symmetry
 from completion.backs.views import Scale, Setting, Sight, ThingView
 from completion.backs.weights import VOLUMES
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 _SHARE = 0.8
 

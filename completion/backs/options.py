@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scenes.card import Value
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

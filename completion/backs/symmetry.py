@@ -11,8 +11,7 @@ import numpy as np
 
 from completion.backs.limits import CELL, N_COARSE, N_LIMB, N_POINTS
 from completion.backs.views import Scale, Sight
-from scenes.card import Value
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 
 Kind = Literal["mirror", "axis", "turn"]
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.card import Value
-from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

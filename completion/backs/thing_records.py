@@ -14,8 +14,7 @@ from completion.backs import separation_limits as limits
 from completion.backs.thing import Thing
 from completion.extension.patch import Patch
 from completion.room.roles import Room
-from scenes.card import Value
-from scenes.checks import ArrayValue, FloatArray
+from scenes.checks import ArrayValue, FloatArray, Value
 from scenes.pose import Pose
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from completion.boundary.edges import BoundaryEdge, ChartLine, Circle
 from completion.boundary.limits import CORNER_CELLS, LEAD_CELLS, SKIP_CELLS
 from completion.evidence.chart_grid import ChartGrid
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 
 class Cue(StrEnum):

@@ -23,8 +23,7 @@ from completion.boundary.limits import (
     SLACK,
     SQUARE_COSINE,
 )
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled, inlined, sort_order
 

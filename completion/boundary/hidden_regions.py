@@ -15,8 +15,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from completion.boundary.continuation import ContinuedEdge
 from completion.boundary.limits import GOES_ON, MOST_COST_M
 from completion.evidence.chart_grid import ChartGrid
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from texture.engine.compiled import compiled
 
 

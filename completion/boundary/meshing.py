@@ -14,8 +14,7 @@ from completion.boundary.edges import ChartLine, Circle, meeting_line
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
 from completion.observe.observation import Observation
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface

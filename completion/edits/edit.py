@@ -18,8 +18,7 @@ from completion.boundary.edges import ChartLine, Circle
 from completion.boundary.meshing import Trim
 from completion.evidence.chart_grid import ChartGrid
 from completion.merging.merged_surface import MergedSurface
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, check_point, check_points, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_point, check_points, frozen_copy
 from scenes.surfaces.catalogue import Plane, Surface
 
 _CORNERS = 48  # of a round hole's outline

@@ -15,8 +15,7 @@ from completion.evidence.reach import Reach, reach_of
 from completion.evidence.sight import ScanSight, Views, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
-from scenes.card import Value
-from scenes.checks import BoolArray
+from scenes.checks import BoolArray, Value
 
 
 class Label(IntEnum):

@@ -35,8 +35,7 @@ from completion.export.dimension import (
 )
 from completion.export.room_dimensions import opening_sizes, room_heights, room_sizes, thicknesses, widths_of
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.run.libraries import table_of
 
 _AROUND, _WITHIN, _BEYOND = 1.3, 0.6, 1.5  # radii from an axis: beside a cylinder, in its lid, beyond that

@@ -11,8 +11,7 @@ import numpy as np
 
 from completion.export.building.model import BuildingElement, PlaneElement
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 Kind = Literal[
     "room width", "room height", "room area", "room volume", "wall thickness", "slab thickness",

@@ -15,8 +15,7 @@ from scipy import ndimage
 from completion.extension.limits import APART_SD, CLAIM_SLOPE, FACING_COSINE, SMALL_M2, SMALL_SHARE
 from completion.extension.patch import Patch
 from completion.room.planes import Role
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 

@@ -20,8 +20,7 @@ from completion.observe.observation import Observation
 from completion.observe.user_options import UserOptions
 from completion.room.planes import Role
 from completion.segmentation.regions import observed_arc
-from scenes.card import Value
-from scenes.checks import ArrayValue, BoolArray, FloatArray
+from scenes.checks import ArrayValue, BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _MOST_POINTS = 50_000

@@ -113,6 +113,15 @@ class Patch(ArrayValue):
         """Inferred area in square metres, cells at a cut counted whole."""
         return float(self.hypothesised.sum()) * self.grid.cell_area
 
+    def _facts(self) -> list[tuple[str, str]]:
+        """The kind of surface, how much of it is measured and inferred."""
+        return [
+            ("kind", self.grid.surface.kind),
+            ("measured", f"{self.observed_m2:.2f} m\u00b2"),
+            ("inferred", f"{self.hypothesised_m2:.2f} m\u00b2"),
+            ("cells", f"{' x '.join(map(str, self.grid.shape))} of {1000 * self.grid.cell[0]:.3g} mm"),
+        ]
+
 
 def in_hull(cells: BoolArray, among: BoolArray) -> BoolArray:
     """Cells among some (rows, columns) whose centre lies in the convex hull of `cells`, to half a cell."""

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 
 
 class RegionKind(StrEnum):

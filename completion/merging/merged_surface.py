@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation, ScanPixels
-from scenes.card import Value
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 from scenes.run.mapping import trim
 
 

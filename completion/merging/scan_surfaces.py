@@ -21,8 +21,7 @@ from completion.registration.pipeline import correct_poses
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, check_options
+from scenes.checks import FloatArray, InputError, Value, check_options
 from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage
 

@@ -16,8 +16,7 @@ from completion.observe.mixed_pixels import NO_MIXED, MixedBeams, find_mixed
 from completion.observe.range_noise import RangeNoise, estimate_noise
 from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
 from completion.observe.shadow import NO_SHADOW, Shadow, find_shadow, shadow_of
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.scan.projection import Projection, SphericalProjection

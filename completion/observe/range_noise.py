@@ -13,8 +13,7 @@ from scipy.special import gammaincinv
 from completion.observe.limits import FACING_COSINE, FEWEST_TILES
 from completion.observe.rays import Noise, Rays, deviations, rays_of
 from completion.observe.tiles import cut_tiles
-from scenes.card import Value
-from scenes.checks import FloatArray, read_only_view
+from scenes.checks import FloatArray, Value, read_only_view
 from scenes.scan.range_image import RangeImage
 
 _WINDOW = 9

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from completion.observe.user_options import UserOptions
-from scenes.card import Value
-from scenes.checks import FloatArray, check_options
+from scenes.checks import FloatArray, Value, check_options
 
 SMALLEST_CELL_M, LARGEST_CELL_M = 1e-4, 1.0
 FLATNESS_M = 0.001

@@ -15,8 +15,7 @@ import numpy as np
 from completion.fitting.result import SurfaceFit
 from completion.relations.graph import RelationGraph
 from completion.relations.relation import RelationStatus
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.checks import FloatArray, InputError, IntArray, Value, frozen_copy
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.atomic import write_bytes
 
@@ -132,7 +131,8 @@ class Part(Value):
         """
         if self.faces is None or self.triangle_surface is None:
             raise InputError("a part of points has no mesh; its points and their surfaces are arrays")
-        return LabelledMesh(self.points, self.faces, self.triangle_surface).to_trimesh()
+        faces, labels = (held.astype(np.int32) for held in (self.faces, self.triangle_surface))
+        return LabelledMesh(self.points, faces, labels).to_trimesh()
 
     def _facts(self) -> list[tuple[str, str]]:
         """The surfaces, how many points lie on them, and which relations hold."""

@@ -20,8 +20,7 @@ from completion.registration.facets import Meetings, ScanFacets, count_agreement
 from completion.registration.motions import STILL
 from completion.registration.prior import FacetLinks, Pair, PoseCorrections, link, meet_all, settle
 from completion.registration.station_view import sample_of
-from scenes.card import Value
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, trim
 

@@ -19,8 +19,7 @@ from completion.registration.motions import STILL, angle_between, compose, inver
 from completion.registration.pose_candidates import form_candidates, plane_candidates, turn_candidates
 from completion.registration.refinement import PlacedScan, equations_of, refine, stiffness
 from completion.registration.station_view import StationView
-from scenes.card import Value
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 
 
 def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: float) -> float:

@@ -34,8 +34,7 @@ from completion.registration.refinement import (
 )
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Judgement, Verdict, is_approved, judge
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 
 Pair = tuple[int, int]
 _Scans = tuple[int, ...]

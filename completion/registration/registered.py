@@ -19,8 +19,7 @@ from completion.registration.network import Hypotheses, Network, NetworkEdge, Sc
 from completion.registration.refinement import PlacedScan, equations_of
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict, judge
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 

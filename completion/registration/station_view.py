@@ -15,8 +15,7 @@ from completion.registration import limits
 from completion.registration.facets import ScanFacets, facets_of
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import Region, SegmentationOptions
-from scenes.card import Value
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Plane

@@ -11,8 +11,7 @@ import numpy as np
 
 from completion.fitting.chart import axis_frame
 from completion.relations.limits import LEAST_APART
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import perpendicular
 

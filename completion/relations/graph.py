@@ -22,8 +22,7 @@ from completion.relations.estimate import JointEstimate
 from completion.relations.limits import FEWEST_ACROSS, MOST_FRAME_SD, MOST_RADIUS_SD
 from completion.relations.options import RelationOptions
 from completion.relations.relation import Relation, RelationStatus
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.pose import Pose
 
 

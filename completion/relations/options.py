@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.relations.relation import KINDS, RelationKind
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, check_direction, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, frozen_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

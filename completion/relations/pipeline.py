@@ -35,8 +35,7 @@ from completion.relations.proposals import STAGES, propose
 from completion.relations.relation import Relation, RelationStatus, StatedRelation
 from completion.uncertainty.joint_errors import UNRELATED, JointErrors, RelatedErrors
 from completion.uncertainty.pipeline import StatedFits, shift_by_sensors
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.pose import Pose
 from scenes.scan.range_image import MESH_SENSOR
 

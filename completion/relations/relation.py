@@ -14,8 +14,7 @@ import numpy as np
 
 from completion.edits.edit import Anchor
 from completion.edits.file import anchors_of, named_anchor
-from scenes.card import Value
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 from scenes.io.checks.documents import parse_json, read_text
 from scenes.io.checks.guard import guard_reading
 

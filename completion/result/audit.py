@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from completion.observe.observation import Observation
 from completion.observe.rays import Rays, dot, ray_at
 from completion.observe.tolerance import Tolerance
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.rays.raycast import RayCaster
 from scenes.run.mapping import trim

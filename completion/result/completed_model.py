@@ -57,8 +57,8 @@ from completion.result.openings import SurfaceOpening, find_openings
 from completion.room.roles import Room
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.card import INFERRED, MEASURED, Card, CardShare, Value
-from scenes.checks import FloatArray, InputError
+from scenes.card import INFERRED, MEASURED, Card, CardShare
+from scenes.checks import FloatArray, InputError, Value
 from scenes.inclination import Up
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, spill_of, trim

@@ -16,8 +16,7 @@ from completion.flattening.flat import FlatSurface, FlattenedMesh, FlatteningOpt
 from completion.flattening.pipeline import flatten_mesh
 from completion.observe.observation import Observation
 from completion.observe.range_noise import depth_step
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 

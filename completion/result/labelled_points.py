@@ -18,8 +18,7 @@ from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture
-from scenes.card import Value
-from scenes.checks import ColourArray, FloatArray
+from scenes.checks import ColourArray, FloatArray, Value
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes

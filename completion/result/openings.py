@@ -15,8 +15,7 @@ from completion.edits.edit import FittedHole, FittedOpening, SurfaceEdits, outli
 from completion.evidence.chart_grid import ChartGrid
 from completion.export.panels.outline import intersect_lines, straight_corners, trace_cells
 from completion.extension.patch import Patch
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 _MIN_CELLS = 25  # that beams went through
 _NEAR = 1.5  # cells between an outline and the edge that it follows

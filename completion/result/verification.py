@@ -17,8 +17,7 @@ from completion.extension.patch import Patch
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.result.completed_model import CompletedModel, anchor_of
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage

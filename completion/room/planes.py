@@ -13,8 +13,7 @@ from completion.fitting.result import allow_for_warp
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.room import limits
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 from scenes.surfaces.catalogue import Plane
 
 _GOLDEN = (5**0.5 - 1) / 2  # steps by it come nowhere near each other (Weyl 1916)

@@ -13,8 +13,7 @@ from completion.observe.observation import Observation, PixelSet
 from completion.observe.packed_surfaces import unpack
 from completion.observe.rays import Rays, plus, ray_at
 from completion.observe.tolerance import FLATNESS_M
-from scenes.card import Value
-from scenes.checks import FloatArray, check_options
+from scenes.checks import FloatArray, Value, check_options
 from scenes.surfaces.catalogue import Cylinder, Surface
 from texture.engine.compiled import compiled, inlined
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.texturing.limits import DOUBTFUL
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 GREY = 158  # of a texel of which nothing is known
 _MARGIN = 2  # texels around what is coloured that repeat its colour

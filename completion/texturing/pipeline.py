@@ -27,8 +27,7 @@ from completion.texturing.material import (
     measure_colour,
     same_material,
 )
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, check_options
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_options
 from texture import fill_surface, measure_verbatim_share
 from texture.sampling.arguments import SearchName
 

@@ -10,8 +10,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from nbv.run.wording import count
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, frozen_copy
 from texture.engine.compiled import compiled
 
 Indices = NDArray[np.integer[Any]]

@@ -21,8 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from nbv.cover.instance import CoverInstance
 from nbv.visibility.samples import SurfaceSamples
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, check_options
+from scenes.checks import BoolArray, FloatArray, Value, check_options
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

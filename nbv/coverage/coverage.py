@@ -29,8 +29,8 @@ from nbv.run.showing import show_report
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import REASONS
-from scenes.card import Card, Value
-from scenes.checks import ArrayValue, BoolArray, FloatArray, frozen_copy
+from scenes.card import Card
+from scenes.checks import ArrayValue, BoolArray, FloatArray, Value, frozen_copy
 from scenes.run.libraries import table_of
 
 

@@ -23,8 +23,7 @@ from completion.pipeline import complete
 from completion.result.completion import Completion
 from nbv.visibility.limits import CLOSE_M, SAME_WAY
 from nbv.visibility.samples import SurfaceSamples
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.inclination import Up
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
 from scenes.mesh.triangle_distance import distances

@@ -11,8 +11,7 @@ import numpy as np
 
 from completion.asbuilt.findings import DesignCheck, Extra, Interval
 from nbv.inspection.record import FORMAT, check_record, element_label
-from scenes.card import Value
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 from scenes.mesh.design import Element
 
 _UNMEASURED = ("hidden", "not seen")

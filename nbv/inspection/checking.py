@@ -23,8 +23,7 @@ from nbv.inspection.next_stations import NextStations
 from nbv.inspection.record import FORMAT, check_record, elements_csv
 from nbv.run.showing import show_report
 from nbv.run.wording import count
-from scenes.card import Value
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 from scenes.io.checks.documents import read_json, read_toml
 from scenes.io.checks.guard import guard_reading
 from scenes.io.formats.format import Units

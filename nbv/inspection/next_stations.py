@@ -24,8 +24,7 @@ from nbv.visibility.clearance import Clearance
 from nbv.visibility.requirement import Precision, Requirement, SightLimits
 from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import decide_mode
 from scenes.world.scene import Scene

@@ -24,8 +24,7 @@ from nbv.run.wording import count
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import visible_from_positions
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 OPEN = ("undecided", "hidden", "not seen")
 """Verdicts that further scans may change."""

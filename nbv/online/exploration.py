@@ -15,7 +15,7 @@ from nbv.run.showing import show_report
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
-from scenes.card import Value
+from scenes.checks import Value
 from scenes.io.poses.trajectory import write_timed_poses
 from scenes.io.scan_files import write_scan
 from scenes.pose import Pose

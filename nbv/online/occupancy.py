@@ -19,8 +19,7 @@ from scipy.ndimage import gaussian_filter
 from nbv.online.limits import FEWEST_VOTES, MOST_VIEW_PIXELS, NEAR_VOXELS, SURE_SD
 from nbv.online.voxels import ImageNormals, Surfels, VoxelGrid, image_normals
 from nbv.scanning.sensor import Sensor
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, frozen_copy
+from scenes.checks import BoolArray, FloatArray, Value, frozen_copy
 from scenes.scan.range_image import RangeImage
 
 UNSEEN, SEEN, EMPTY, OCCLUDED, OCCPLANE = range(5)

@@ -37,8 +37,7 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import Candidates, at_chosen_heights
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage

@@ -12,8 +12,7 @@ from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.possible_solid import PossibleSurface
 from nbv.visibility.zones import Zones
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.online.limits import FINE_ENOUGH_M, FLATTEST, STEADY_SD
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, frozen_copy, read_only_view
+from scenes.checks import FloatArray, InputError, Value, frozen_copy, read_only_view
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled, inlined

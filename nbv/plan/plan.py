@@ -28,8 +28,8 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Zones, zones_from_json
-from scenes.card import Card, CardPicture, CardShare, Value
-from scenes.checks import InputError, check_number
+from scenes.card import Card, CardPicture, CardShare
+from scenes.checks import InputError, Value, check_number
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import one_line
 from scenes.io.poses.trajectory import write_timed_poses

@@ -41,8 +41,7 @@ from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress, Reachability, stack_rows, visible_from_positions
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster

@@ -19,8 +19,7 @@ from nbv.run.plan_options import PaceOptions
 from nbv.run.wording import count, duration
 from nbv.scanning.sensor import Sensor, SphericalSensor, View
 from nbv.visibility.limits import SAME_M
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.run.option import check_limits
 
 COARSER = (8, 4, 2)

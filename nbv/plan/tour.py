@@ -28,8 +28,7 @@ from nbv.visibility.floors import FloorColumns, cut_columns
 from nbv.visibility.limits import HEADROOM_M, STEP_M, WALKABLE
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.zones import Box
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, check_points
+from scenes.checks import FloatArray, InputError, Value, check_points
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 

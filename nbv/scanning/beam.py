@@ -17,8 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, check_options, read_only_view
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_options, read_only_view
 from texture.engine.compiled import compiled
 
 Returns = Literal["first", "strongest", "last", "mean", "all"]

@@ -27,8 +27,7 @@ from nbv.scanning.noise_models import (
     TableNoise,
     TerrestrialNoise,
 )
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, check_options
+from scenes.checks import FloatArray, InputError, Value, check_options
 from scenes.run.memory import in_blocks
 from scenes.scan.projection import Projection
 

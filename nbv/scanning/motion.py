@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, frozen_copy
 from scenes.io.poses.trajectory import read_timed_poses
 from scenes.io.track import read_trajectory
 from scenes.pose import Pose

@@ -19,8 +19,7 @@ from nbv.scanning.motion import Track, TrackErrors
 from nbv.scanning.scanner import scan_world, with_returns
 from nbv.scanning.sensor import Sensor, SphericalSensor, chosen_effects
 from nbv.scanning.world import ColumnPoses, World
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.io.formats.returns import cloud_of
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 import numpy as np
 
 from nbv.scanning.effects import NO_EFFECTS, PROFILE, Effects, named_effects
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, check_number
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_number
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 

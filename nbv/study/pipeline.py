@@ -22,8 +22,7 @@ from nbv.study.archive import RecordArchive, do_missing
 from nbv.study.case import Case, cases_of, run_case
 from nbv.study.spec import StudySpec
 from nbv.visibility.visibility import Progress
-from scenes.card import Value
-from scenes.checks import ArrayValue, FloatArray, InputError
+from scenes.checks import ArrayValue, FloatArray, InputError, Value
 from scenes.run.atomic import write_bytes, write_text
 from scenes.run.csv_table import csv_text
 

@@ -22,8 +22,7 @@ from scipy import ndimage
 from nbv.scanning.beam import reflectivity_of_colour
 from nbv.scanning.effects import Effects
 from nbv.scanning.sensor import Sensor
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, Value
 from scenes.pose import Pose
 from scenes.scan.colour import unit_colour
 from scenes.scan.range_image import RangeImage, ScanTruth

@@ -33,8 +33,7 @@ from nbv.study.case import CaseSetting, identity_of, load_setting, slug
 from nbv.study.scan_errors import tally_errors
 from nbv.study.spec import PosesEntry, Sampling, ScanStudySpec, SceneEntry, SensorEntry
 from nbv.visibility.visibility import Progress
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 from scenes.io.poses.trajectory import read_poses
 from scenes.io.scan_files import write_scan
 from scenes.mesh.labelled_mesh import triangle_areas

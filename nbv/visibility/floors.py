@@ -32,8 +32,7 @@ from nbv.visibility.limits import (
     UNEVEN_M,
     WALKABLE,
 )
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from texture.engine.compiled import compiled

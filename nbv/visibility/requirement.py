@@ -13,8 +13,7 @@ from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise, range_sigma_m
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.limits import GRAZING_COSINE
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 from scenes.scan.range_image import RangeImage
 
 _GREY = 0.2  # reflectivity for which data sheets state noise, where nothing is known

@@ -17,8 +17,7 @@ from skimage.segmentation import watershed
 from nbv.run.wording import count
 from nbv.visibility import limits
 from nbv.visibility.floors import FloorColumns, Floors
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.rays.raycast import RayCaster
 
 

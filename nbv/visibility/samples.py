@@ -18,8 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, frozen_copy
 from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import LabelledMesh
 from texture.engine.compiled import compiled

@@ -14,8 +14,7 @@ from nbv.scanning.sensor import Sensor
 from nbv.visibility.limits import MOST_POSITIONS, SAME_M, SPACING_M
 from nbv.visibility.site_options import TRIPOD_HEIGHTS_M
 from nbv.visibility.zones import Zones
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_places, frozen_copy
 from scenes.io.checks.guard import guard_reading
 from scenes.io.clouds.npz import open_arrays
 from scenes.pose import Pose, rotations_towards

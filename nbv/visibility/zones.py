@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, frozen_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from scenes.card import Value
 from scenes.checks import (
     ArrayValue,
     BoolArray,
@@ -18,6 +17,7 @@ from scenes.checks import (
     FloatArray,
     InputError,
     IntArray,
+    Value,
     check_point,
     frozen_copy,
     usable_rows,

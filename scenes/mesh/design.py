@@ -8,8 +8,7 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 

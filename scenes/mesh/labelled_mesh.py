@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Value
 from scenes.checks import (
     BoolArray,
     FloatArray,
     InputError,
     IntArray,
+    Value,
     check_faces,
     check_places,
     frozen_copy,

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
-from scenes.card import Value
+from scenes.checks import Value
 from scenes.run.journal import Journal
 from scenes.run.mapping import IN_MEMORY, NoSpill, Spill, spill_of, trim
 from scenes.run.memory import require, threads

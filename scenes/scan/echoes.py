@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.checks import FloatArray, InputError, IntArray, Value, frozen_copy
 
 ECHO_CHANNELS = {"pixel": np.int64, "ranges": np.float64, "intensity": np.float32, "n_rays": np.uint8}
 

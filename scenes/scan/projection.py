@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, frozen_copy
 
 if TYPE_CHECKING:
     from scenes.scan.ray_grid import RayGrid

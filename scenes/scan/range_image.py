@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Card, Value
-from scenes.checks import BoolArray, FloatArray, InputError, check_options
+from scenes.card import Card
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_options
 from scenes.limits import CODE_CLOSE, CODE_GAP, CODE_SAME, CODE_SPREAD, CODE_STRAYS, LEAST_TIMES, MOST_CODES
 from scenes.pose import Pose
 from scenes.run.libraries import open3d_cloud

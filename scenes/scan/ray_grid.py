@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from scenes.card import Value
-from scenes.checks import FloatArray, IntArray, read_only_view
+from scenes.checks import FloatArray, IntArray, Value, read_only_view
 from scenes.run.memory import in_blocks
 from scenes.run.stored_code import can_store
 

@@ -9,8 +9,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 from scenes.surfaces.surface import cross, reference_direction
 

@@ -8,8 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scenes.card import Value
-from scenes.checks import FloatArray, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, Value, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 from scenes.surfaces.surface import cross, reference_direction
 

@@ -9,8 +9,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, check_direction, check_points, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_points, frozen_copy
 from scenes.pose import Pose
 
 

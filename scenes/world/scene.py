@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from scenes.card import Card, Value
-from scenes.checks import InputError
+from scenes.card import Card
+from scenes.checks import InputError, Value
 from scenes.mesh.design import Design, Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import Axis, decide_mode

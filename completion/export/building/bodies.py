@@ -35,8 +35,7 @@ from completion.export.building.faces import (
 )
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane
 

@@ -11,8 +11,7 @@ import numpy as np
 import shapely
 
 from completion.export.building.model import BuildingModel, OpeningOutline, PlaneElement
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.inclination import LEVEL_COSINE, Inclination
 
 _LEAST_M2 = 1e-6  # of a polygon; what is smaller came of rounding

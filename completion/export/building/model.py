@@ -15,8 +15,7 @@ from completion.export.panels.model import PanelModel
 from completion.extension.patch import Patch
 from completion.room.roles import Room
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.inclination import Inclination
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder

@@ -31,8 +31,7 @@ from completion.export.building.faces import (
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
 from completion.export.building.rooms import BuildingRoom, RoomSide, Storey, find_rooms, find_storeys
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 _LINES = (0.1, 0.9, 41)  # where lines run through it, as shares of its size
 

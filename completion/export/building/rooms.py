@@ -27,8 +27,7 @@ from completion.export.building.faces import (
     wide,
 )
 from completion.export.building.model import BuildingModel, RoomPlan
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

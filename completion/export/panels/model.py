@@ -16,8 +16,7 @@ from completion.export.panels import limits
 from completion.export.panels.fold import Fold
 from completion.export.panels.sheet import Sheet
 from completion.extension.patch import Provenance
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import cross
 

@@ -26,8 +26,7 @@ from completion.evidence.evidence import Label
 from completion.export.panels import limits
 from completion.export.panels.sheet import polygons_of_cells
 from completion.extension.patch import Patch
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Surface
 
 _STEPS = np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])  # to the four cells beside one

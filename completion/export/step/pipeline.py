@@ -34,8 +34,7 @@ from completion.export.step.regions import (
     place_text,
 )
 from completion.export.step.sewing import OpenEdge, SewnShape, sewn
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

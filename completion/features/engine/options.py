@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from completion.features.engine.template import Given, TemplateFit
-from scenes.card import Value
-from scenes.checks import InputError, check_number
+from scenes.checks import InputError, Value, check_number
 from scenes.io.checks.documents import read_json
 
 OPENINGS = ("doorway", "window", "niche")

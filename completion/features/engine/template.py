@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.features.engine.limits import LEAST_TILES
-from scenes.card import Value, brief
-from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray
+from scenes.card import brief
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

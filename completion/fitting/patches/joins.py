@@ -23,8 +23,8 @@ from scipy.linalg import qr
 
 from completion.fitting.limits import EXACT_JOIN, NEARLY_JOIN, SQUARE
 from completion.fitting.patches.spline import SIDES, Basis, SideName, SplinePatch, side_rows
-from scenes.card import Value, shown
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.card import shown
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, Value
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import guard_reading
 from scenes.surfaces.catalogue import Cylinder, Plane

@@ -36,8 +36,8 @@ from completion.fitting.patches.rounds import (
 )
 from completion.fitting.patches.spline import SideName, SplinePatch, products, side_places
 from completion.fitting.result import FitError
-from scenes.card import Value, shown
-from scenes.checks import FloatArray, InputError, check_points
+from scenes.card import shown
+from scenes.checks import FloatArray, InputError, Value, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 N_MEASURED = 400

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.interpolate import BSpline, PPoly
 from scipy.sparse import csr_array
 
-from scenes.card import Value
-from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.checks import FloatArray, InputError, IntArray, Value, frozen_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,8 +11,7 @@ import numpy as np
 
 from completion.parts.dimensions.hole import Hole
 from completion.relations.equations import Placement
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 NORMAL_95 = 1.959963984540054
 """Half an interval of 95 % in standard deviations."""

@@ -6,7 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from scenes.card import Value, shown
+from scenes.card import shown
+from scenes.checks import Value
 
 OPEN, FLOOR, CONE = "open", "floor", "cone"
 

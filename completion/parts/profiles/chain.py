@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.parts.profiles import limits
-from scenes.card import Value
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 AXIS = -1

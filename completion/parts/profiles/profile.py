@@ -16,7 +16,7 @@ from completion.parts.profiles.chain import Segment
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import RelationGraph
 from completion.relations.relation import Relation
-from scenes.card import Value
+from scenes.checks import Value
 from scenes.surfaces.catalogue import Plane
 
 LoopKind = Literal["outer", "boss", "rib", "hole", "slot", "pocket", "turned", "open"]

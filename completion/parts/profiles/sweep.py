@@ -22,8 +22,7 @@ from completion.relations.equations import Placement, move_surface, place
 from completion.relations.estimate import JointEstimate, wald_test
 from completion.relations.graph import is_settled
 from completion.relations.relation import Relation, RelationKind
-from scenes.card import Value
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import perpendicular
