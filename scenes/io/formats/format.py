@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -313,7 +314,23 @@ def formats() -> tuple[Format, ...]:
     for module in _MODULES:
         value = import_module(f"scenes.io.{module}").FORMAT
         held += value if isinstance(value, tuple) else (value,)
-    return tuple(held)
+    return (*held, *(_offered(point) for point in entry_points(group="unseen.readers")))
+
+
+def _offered(point: EntryPoint) -> Format:
+    """A format that another package reads, named by suffix: a function from a path to a scan or several."""
+
+    def read(path: Path) -> list[RangeImage]:
+        scans = point.load()(path)
+        return [scans] if isinstance(scans, RangeImage) else list(scans)
+
+    return Format(
+        suffixes=(f".{point.name.lower()}",),
+        points=lambda path, number: points_of(read(path)[slice(number and number - 1, number)]),
+        scans=lambda path, _: [partial(RangeImage.with_facts, scan) for scan in read(path)],
+        several=True,
+        marks_misses=True,
+    )
 
 
 def format_of(suffix: str) -> Format | None:
