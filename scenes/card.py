@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from enum import Enum
 from html import escape
 from textwrap import wrap
 from typing import Any, TypeVar
-
-import numpy as np
 
 _WIDTH, _MOST_LINES = 78, 5  # of a value's text: characters of a line, and lines
 _MOST_INNER, _SHORT, _MANY_FIELDS = 48, 6, 8  # characters of a field, entries that are told, fields
@@ -124,7 +123,7 @@ class Card:
 
 
 def shown(kind: type[_Kind]) -> type[_Kind]:
-    """Give a named tuple the text of a value (`scenes.checks.Value`)."""
+    """Give a named tuple the text of a `Value`."""
     setattr(kind, "__repr__", lambda self: text_of_facts(kind.__name__, field_facts(self)))  # noqa: B010
     return kind
 
@@ -156,22 +155,21 @@ def text_of_facts(name: str, facts: Sequence[tuple[str, str]]) -> str:
     return "\n".join(lines).replace(_UNBROKEN, " ")
 
 
-def brief(value: object, *, inner: bool = True) -> str:
+def brief(value: Any, *, inner: bool = True) -> str:
     """Return a value in a few words: an array by type and shape, a long sequence by its number of entries.
 
     `inner` values show their fields where there is room.
 
     Examples
     --------
+    >>> import numpy as np
     >>> brief(np.zeros((4, 3))), brief(np.array([1.0, 0.25])), brief(("a", "b")), brief([0.5] * 9)
     ('float64 (4, 3)', '[1, 0.25]', "('a', 'b')", '9 float')
     """
-    if isinstance(value, np.ndarray):
-        is_short = value.ndim == 1 and value.size <= _SHORT
-        entries = ", ".join(brief(entry) for entry in value.tolist()) if is_short else ""
-        return f"[{entries}]" if is_short else f"{value.dtype} {value.shape}"
-    if isinstance(value, np.generic):
-        value = value.item()
+    if hasattr(value, "dtype") and hasattr(value, "tolist"):  # of numpy, which help of commands does not load
+        if value.shape and not (value.ndim == 1 and value.size <= _SHORT):
+            return f"{value.dtype} {value.shape}"
+        value = value.tolist()
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, float):
@@ -226,3 +224,37 @@ def _shortened(text: str, most: int) -> str:
     """The text on one line, its end left out where it is longer than `most` characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else line[: most - 3] + "..."
+
+
+class Value:
+    """A base of dataclasses that shows itself: at most five lines of text, in notebooks the same as a card.
+
+    What it tells are its fields, arrays by their shapes and other values by their names, unless the class has
+    better `_facts`. Of many fields, those at their defaults are left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> @dataclass(frozen=True)
+    ... class Sheet(Value):
+    ...     corners: np.ndarray
+    ...     name: str = ""
+    >>> Sheet(np.zeros((4, 3)))
+    Sheet(corners=float64 (4, 3), name='')
+    """
+
+    __slots__ = ()
+    __repr__ = text_of
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        setattr(cls, "__repr__", cls.__repr__)  # noqa: B010 - `dataclass` makes one where the class has none
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """What is told: names and values with their units."""
+        return field_facts(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the facts as a table."""
+        words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(self).__name__).capitalize()
+        return Card(type(self).__module__.split(".")[0], words, self._facts()).to_html()

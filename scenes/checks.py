@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Checks at the door, which return the checked array or raise with numbers, and the bases of values."""
+"""Checks at the door, which return the checked array or raise with numbers, and frozen arrays."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card import Card, field_facts, text_of
+from scenes.card import Value as Value
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
@@ -224,40 +223,6 @@ def freeze_arrays(value: Any) -> None:
             shown = array.view()
             shown.setflags(write=False)
             object.__setattr__(value, field.name, shown)
-
-
-class Value:
-    """A base of dataclasses that shows itself: at most five lines of text, in notebooks the same as a card.
-
-    What it tells are its fields, arrays by their shapes and other values by their names, unless the class has
-    better `_facts`. Of many fields, those at their defaults are left out.
-
-    Examples
-    --------
-    >>> from dataclasses import dataclass
-    >>> @dataclass(frozen=True)
-    ... class Sheet(Value):
-    ...     corners: np.ndarray
-    ...     name: str = ""
-    >>> Sheet(np.zeros((4, 3)))
-    Sheet(corners=float64 (4, 3), name='')
-    """
-
-    __slots__ = ()
-    __repr__ = text_of
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        setattr(cls, "__repr__", cls.__repr__)  # noqa: B010 - `dataclass` makes one where the class has none
-
-    def _facts(self) -> list[tuple[str, str]]:
-        """What is told: names and values with their units."""
-        return field_facts(self)
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows: the facts as a table."""
-        words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(self).__name__).capitalize()
-        return Card(type(self).__module__.split(".")[0], words, self._facts()).to_html()
 
 
 class ArrayValue(Value):

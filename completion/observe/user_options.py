@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from scenes.checks import Value
+from scenes.card import Value
 from scenes.run.option import NOT_NEGATIVE, NumberRange, check_limits, choices, option
 
 Mode = Literal["conservative", "standard", "bold"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from scenes.checks import Value
+from scenes.card import Value
 from scenes.run.option import NOT_NEGATIVE, POSITIVE, NumberRange, minutes, option
 
 LiteratureMethod = Literal[

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from scenes.checks import Value
+from scenes.card import Value
 from scenes.run.option import NumberRange, numbers, option
 
 CLEARANCE_M = 0.3
