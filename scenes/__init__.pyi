@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 from .checks import InputError as InputError
+from .inclination import Up as Up
 from .io.formats.station import scan_from_station as scan_from_station
 from .io.point_files import PointCloud as PointCloud
 from .io.point_files import read_points as read_points
@@ -11,6 +12,8 @@ from .io.scene_files import load_scene as load_scene
 from .io.scene_files import open_scene as open_scene
 from .io.scene_files import save_scene as save_scene
 from .io.walk import read_walk as read_walk
+from .mesh.design import ElementMesh as ElementMesh
+from .mesh.design import MapConversion as MapConversion
 from .mesh.labelled_mesh import Appearance as Appearance
 from .mesh.labelled_mesh import LabelledMesh as LabelledMesh
 from .pose import Pose as Pose
@@ -24,6 +27,7 @@ from .scan.projection import Projection as Projection
 from .scan.projection import SphericalProjection as SphericalProjection
 from .scan.range_image import RangeImage as RangeImage
 from .scan.range_image import ScanTruth as ScanTruth
+from .scan.timed_points import TimedPoints as TimedPoints
 from .surfaces.catalogue import Cone as Cone
 from .surfaces.catalogue import Cylinder as Cylinder
 from .surfaces.catalogue import EllipticCylinder as EllipticCylinder

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Checks at the door: each returns the checked array, or raises saying what was wrong in numbers."""
+"""Checks at the door, which return the checked array or raise with numbers, and frozen arrays."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scenes.card import Value as Value
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
@@ -22,9 +24,35 @@ class InputError(ValueError):
     """Unusable input: the message names the file or argument, the cause and, where there is one, the cure."""
 
 
+def given_points(shape: object) -> Any:
+    """Return the points (n, 3) of a cloud or mesh of Open3D, pyvista or trimesh; of others what was given."""
+    for name in ("points", "vertices"):
+        held = getattr(shape, name, None)
+        if held is not None and not callable(held):
+            return held
+    return shape
+
+
+def given_faces(shape: object) -> NDArray[Any] | None:
+    """Return the faces (m, 3) of a mesh of trimesh, Open3D or pyvista; None for what is no mesh.
+
+    Raises InputError: faces that are no triangles.
+    """
+    held = getattr(shape, "faces", getattr(shape, "triangles", None))
+    faces = np.asarray(() if held is None or callable(held) else held)
+    if faces.ndim == 1:  # of VTK: the number of corners before those of each face
+        if len(faces) % 4 or (faces[::4] != 3).any():
+            raise InputError(f"a {type(shape).__name__} has other faces than triangles; triangulate it")
+        faces = faces.reshape(-1, 4)[:, 1:]
+    return faces if len(faces) else None
+
+
 def check_vectors(name: str, array: object) -> FloatArray:
-    """Return `array` as float64 with shape (n, 3); raise InputError for any other shape."""
-    checked = np.asarray(array, dtype=np.float64)
+    """Return `array`, or the points of a cloud of Open3D or pyvista, as float64 with shape (n, 3).
+
+    Raises InputError: any other shape.
+    """
+    checked = np.asarray(given_points(array), dtype=np.float64)
     if checked.ndim != 2 or checked.shape[1] != 3:
         raise InputError(f"expected {name} with shape (n, 3), got {checked.shape}")
     return checked
@@ -195,3 +223,12 @@ def freeze_arrays(value: Any) -> None:
             shown = array.view()
             shown.setflags(write=False)
             object.__setattr__(value, field.name, shown)
+
+
+class ArrayValue(Value):
+    """A base of frozen dataclasses whose arrays become read-only when they are made."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)

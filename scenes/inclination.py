@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction, check_number, freeze_arrays
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_number, freeze_arrays
 from scenes.pose import Pose
 
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
@@ -36,7 +36,7 @@ def axis_direction(axis: str) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Up:
+class Up(Value):
     """Which way is up, and how well it is known; nothing is turned by it but drawings.
 
     Attributes
@@ -130,7 +130,7 @@ def _turn_to_z(up: FloatArray) -> Pose:
 
 
 @dataclass(frozen=True, slots=True)
-class Inclination:
+class Inclination(Value):
     """Angle of a plane or an axis with the horizontal, and how well it is known.
 
     Attributes

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts load when they are first used
 
-from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
+from scenes.checks import (
+    FloatArray,
+    InputError,
+    Value,
+    check_direction,
+    check_places,
+    check_point,
+    frozen_copy,
+)
 from scenes.limits import ORTHONORMAL_TOLERANCE, UNIT_TOLERANCE
 
 _UP, _STEEP = np.array([0.0, 0.0, 1.0]), 1e-6  # of a sensor, and sines of angles to it that count as none
@@ -63,7 +71,7 @@ def _scale_of(rotation: FloatArray) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class Pose(Value):
     """A rigid motion as a 4x4 matrix, here always `world_from_sensor`.
 
     The sensor frame is x right, y down, z forward; the world is right-handed with z up. Metres.

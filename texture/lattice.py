@@ -208,6 +208,9 @@ class Lattice:
         periods.flags.writeable = False
         object.__setattr__(self, "periods", periods)
 
+    def __repr__(self) -> str:
+        return f"Lattice(periods={self.periods.tolist()}, correlation={self.correlation:.3g})"
+
 
 def find_lattice(image: ArrayLike, mask: ArrayLike | None = None) -> Lattice:
     """Find the periods of a repeating texture from its autocorrelation.

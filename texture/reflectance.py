@@ -44,6 +44,10 @@ class Shading:
         gain.flags.writeable = False
         object.__setattr__(self, "gain", gain)
 
+    def __repr__(self) -> str:
+        low, high = self.gain.min(initial=1.0), self.gain.max(initial=1.0)
+        return f"Shading(gain of {self.gain.shape} pixels, {low:.3g} to {high:.3g})"
+
 
 def fit_shading(
     brightness: NDArray[np.floating[Any]], known: BoolArray, wrap: tuple[bool, bool] = (False, False)

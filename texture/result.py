@@ -71,6 +71,25 @@ class Synthesis:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    @property
+    def is_filled(self) -> NDArray[np.bool_]:
+        """Which pixels (h, w) have another one as their source."""
+        height, width = self.source_rows.shape
+        itself = (self.source_rows == np.arange(height)[:, None]) & (self.source_cols == np.arange(width))
+        return np.asarray((self.source_rows >= 0) & ~itself)
+
+    def describe(self) -> str:
+        """Return in a sentence how many pixels were copied, and how well they agree."""
+        filled = self.is_filled
+        agreement = f"{100 * float(self.confidence[filled].mean()):.0f} %" if filled.any() else "n/a"
+        late = "" if self.is_complete else "; not complete: the time was up"
+        copied = f"{np.count_nonzero(filled)} pixels copied, window {self.window} px"
+        return f"{copied}, mean confidence {agreement}{late}"
+
+    def __repr__(self) -> str:
+        height, width = self.source_rows.shape
+        return f"Synthesis({height} x {width} pixels, {self.describe()})"
+
     def _repr_html_(self) -> str:
         """What a notebook shows: the image, and where its pixels came from."""
         return self.to_html(self.image)
@@ -82,18 +101,10 @@ class Synthesis:
         the lower, and greener the further right, their source lies. No style sheet, no script.
         """
         height, width = self.source_rows.shape
-        itself = (self.source_rows == np.arange(height)[:, None]) & (self.source_cols == np.arange(width))
-        filled = (self.source_rows >= 0) & ~itself
-        agreement = f"{100 * float(self.confidence[filled].mean()):.0f} %" if filled.any() else "n/a"
-        summary = (
-            f"{np.count_nonzero(filled)} pixels copied, window {self.window} px, mean confidence {agreement}"
-        )
-        if not self.is_complete:
-            summary += "; not complete: the time was up"
         sources = np.zeros((height, width, 4), np.uint8)
         for channel, place in enumerate((self.source_rows, self.source_cols)):
             sources[..., channel] = np.rint(255 * place.clip(0) / max(int(place.max(initial=0)), 1))
-        sources[..., 2], sources[..., 3] = 128, np.where(filled, 255, 0)
+        sources[..., 2], sources[..., 3] = 128, np.where(self.is_filled, 255, 0)
         pictures = _figure(image, "image") + _figure(sources, "where its pixels came from")
         return (
             '<div class="unseen-card" style="font:13px/1.45 system-ui,sans-serif;color:inherit;'
@@ -101,7 +112,7 @@ class Synthesis:
             'border:1px solid color-mix(in srgb,currentColor 25%,transparent)">'
             f'<div style="font-weight:600;margin-bottom:6px">Texture, {height} x {width} pixels</div>'
             f'<div style="display:flex;flex-wrap:wrap;gap:10px 22px">{pictures}</div>'
-            f'<div style="opacity:.7;margin-top:6px">{summary}</div></div>'
+            f'<div style="opacity:.7;margin-top:6px">{self.describe()}</div></div>'
         )
 
 
@@ -215,6 +226,14 @@ class Examination:
     phase_error: float
     confidence: float
     alarms: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        pieces = f"{self.piece_distance:.3g} with sd {self.piece_spread:.3g} among pieces"
+        return (
+            f"Examination(distance {self.distance:.3g}, {pieces}, seam {self.seam:.3g},\n"
+            f"    verbatim {self.verbatim_share:.3g}, out of step {self.phase_error:.3g}, "
+            f"confidence {self.confidence:.3g}, alarms: {', '.join(self.alarms) or 'none'})"
+        )
 
 
 def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = None) -> Examination:

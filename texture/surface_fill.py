@@ -247,6 +247,9 @@ class SurfaceFill:
         image.flags.writeable = False
         object.__setattr__(self, "image", image)
 
+    def __repr__(self) -> str:
+        return f"SurfaceFill({'plain' if self.is_plain else 'textured'}, {self.synthesis!r})"
+
     def _repr_html_(self) -> str:
         """What a notebook shows: the image, and where its pixels came from."""
         return self.synthesis.to_html(self.image)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.checks.guard import import_extra
+from scenes.run.libraries import import_extra
 
 KINDS = "plane", "cylinder", "cone", "sphere", "torus"
 _UP = (0.0, 0.0, 1.0)

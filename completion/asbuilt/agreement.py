@@ -21,7 +21,7 @@ from completion.asbuilt.beams import Evidence
 from completion.asbuilt.faces import DesignFaces
 from completion.observe.observation import Observation
 from completion.observe.sensor_modes import N_MODES, displacements, range_displacements
-from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
 
@@ -33,7 +33,7 @@ _MOST_HELD = 4_000  # beams of a face whose surface is fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FaceBeams:
+class FaceBeams(ArrayValue):
     """Beams (n,) by face and scan, evenly taken from all that belong to faces.
 
     Attributes
@@ -68,9 +68,6 @@ class FaceBeams:
     sigma: FloatArray
     area: FloatArray
     shared: FloatArray
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def of_faces(self) -> list[slice]:
         """Where the beams of each face that has any are."""

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from completion.asbuilt import limits
 from completion.asbuilt.agreement import N_SHARED, FaceBeams, median
 from completion.asbuilt.faces import N_COLUMNS
-from scenes.checks import FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, FloatArray
 from scenes.run.mapping import trim
 
 _MEDIAN_SQUARE = 0.455  # of a standard normal number
@@ -37,7 +37,7 @@ _UNUSED = 1e-12  # information of a parameter that no beam tells
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Aligned:
+class Aligned(ArrayValue):
     """Deviations of faces, and motions of scans, with their errors.
 
     Attributes
@@ -73,9 +73,6 @@ class Aligned:
     inverse: FloatArray
     coupling: FloatArray
     prior: FloatArray
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def among(self, a: int, b: int) -> FloatArray:
         """Covariance (5, 5) of the parameters of two faces, by their places in `faces`."""

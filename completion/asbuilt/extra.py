@@ -16,7 +16,7 @@ from completion.asbuilt import limits
 from completion.asbuilt.beams import EXTRA, Evidence
 from completion.asbuilt.findings import Extra
 from completion.observe.observation import Observation
-from scenes.checks import FloatArray, IntArray, freeze_arrays
+from scenes.checks import ArrayValue, FloatArray, IntArray
 from scenes.mesh.design import ElementMesh
 from scenes.mesh.triangle_distance import TriangleTree
 
@@ -25,7 +25,7 @@ _BITS = 21  # of a cell's number along each axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExtraCells:
+class ExtraCells(ArrayValue):
     """Cells (c,) with extra surface, ascending by `key`.
 
     Mean `points` (c, 3), `area` in square metres, the `thing` (c,) of each, -1 for none, and which
@@ -39,9 +39,6 @@ class ExtraCells:
     area: FloatArray
     thing: NDArray[np.int32]
     scans: NDArray[np.bool_]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def thing_at(self, points: FloatArray) -> NDArray[np.int32]:
         """Return the thing (n,) at points (n, 3), -1 for none."""

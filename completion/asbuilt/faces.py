@@ -25,7 +25,7 @@ from completion.asbuilt.limits import (
     SEE_THROUGH,
 )
 from completion.observe.rays import Triple, dot, minus
-from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray
 from scenes.mesh.design import Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from texture.engine.compiled import compiled, inlined
@@ -41,7 +41,7 @@ _COSINE = float(np.cos(np.radians(COPLANAR_DEG)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DesignFaces:
+class DesignFaces(ArrayValue):
     """F planes and cylinders, and to which of them each of m triangles belongs.
 
     Attributes
@@ -72,9 +72,6 @@ class DesignFaces:
     half: FloatArray
     radius: FloatArray
     area: FloatArray
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def __len__(self) -> int:
         """How many there are."""

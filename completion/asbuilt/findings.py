@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, FloatArray, Value
 from scenes.mesh.design import Element, ElementMesh
 from scenes.pose import Pose
 
@@ -50,7 +50,7 @@ POINT_STATES = ("on a face", "on an element", "extra", "not compared")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Interval:
+class Interval(Value):
     """A number with its 95 % interval, in metres or radians, and the direction that it is along."""
 
     value: float
@@ -95,7 +95,7 @@ def rounded(values: Sequence[float], half: float, unit: float = 1e-3) -> tuple[s
 
 
 @dataclass(frozen=True, slots=True)
-class Hider:
+class Hider(Value):
     """What hides an element: the name of an element or extra, from which stations, and how much of it."""
 
     by: str
@@ -104,7 +104,7 @@ class Hider:
 
 
 @dataclass(frozen=True, slots=True)
-class Shares:
+class Shares(Value):
     """Shares of the exposed area of an element; they sum to 1."""
 
     measured: float
@@ -113,7 +113,7 @@ class Shares:
 
 
 @dataclass(frozen=True, slots=True)
-class BeamEvidence:
+class BeamEvidence(Value):
     """Area of an element's silhouette by what beams did there, square metres, and the number of beams."""
 
     on_m2: float = 0.0
@@ -123,7 +123,7 @@ class BeamEvidence:
 
 
 @dataclass(frozen=True, slots=True)
-class Inference:
+class Inference(Value):
     """What a completion of the scans says of an element that is not measured; never part of a verdict.
 
     `share` of its unmeasured area is continued surface within the tolerance, with mean probability
@@ -136,7 +136,7 @@ class Inference:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FaceFinding:
+class FaceFinding(ArrayValue):
     """A plane or cylinder of an element, and how far what was measured is from it.
 
     Attributes
@@ -191,12 +191,9 @@ class FaceFinding:
     histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(40, np.int64))
     histogram_m: tuple[float, float] = (-0.05, 0.05)
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ElementFinding:
+class ElementFinding(Value):
     """The verdict on one element of the design.
 
     Attributes
@@ -263,7 +260,7 @@ class ElementFinding:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Extra:
+class Extra(ArrayValue):
     """Measured surface of no element.
 
     `name` is "extra-12"; `box_m` (2, 3) smallest and largest coordinates; `points` (n, 3) middles of its
@@ -278,12 +275,9 @@ class Extra:
     near: str = ""
     hides: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Alignment:
+class Alignment(ArrayValue):
     """Where scans lie in the design.
 
     Attributes
@@ -314,9 +308,6 @@ class Alignment:
     is_free: bool = True
     sentences: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     @property
     def shift_text(self) -> str:
         """The shift of all scans with its 95 % interval: "(1.0 ± 1.1, 0.0 ± 1.1, -9.8 ± 1.2) mm"."""
@@ -326,7 +317,7 @@ class Alignment:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Samples:
+class Samples(ArrayValue):
     """Samples every 10 cm on exposed faces of the design.
 
     Arrays of (n,): `points` and `normals` (n, 3); `element` surface id; `area_m2`; `state` index in
@@ -342,12 +333,9 @@ class Samples:
     reason: NDArray[np.int8]
     blocker: NDArray[np.int32]
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DeviationPoints:
+class DeviationPoints(ArrayValue):
     """A thinned cloud of measured points, in the design's frame.
 
     `points` (n, 3); `element` (n,) surface id, -1 for none; `deviation_m` (n,) signed, NaN where there is
@@ -359,16 +347,13 @@ class DeviationPoints:
     deviation_m: FloatArray
     state: NDArray[np.int8]
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 LOA_BANDS_M: Mapping[str, float] = {"LOA50": 0.001, "LOA40": 0.005, "LOA30": 0.015, "LOA20": 0.05}
 """Upper ends of the bands at 95 % (USIBD C120 v3.0, 2019, as printed by 3sixtyedge.ca); beyond: LOA10."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DesignCheck:
+class DesignCheck(Value):
     """A design checked against scans.
 
     Attributes

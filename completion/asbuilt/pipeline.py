@@ -30,7 +30,7 @@ from completion.asbuilt.noise import fitted_sigma
 from completion.asbuilt.samples import SurfaceSamples, exposed_share, sample_design
 from completion.observe.observation import Observation, observe
 from completion.observe.rays import rays_of
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, Value
 from scenes.mesh.design import ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out
@@ -43,7 +43,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CheckOptions:
+class CheckOptions(Value):
     """What is asked of a check.
 
     Attributes

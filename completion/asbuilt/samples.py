@@ -17,7 +17,7 @@ from completion.evidence.sight import ScanSight, pixel_of, sight_of
 from completion.observe.observation import Observation
 from completion.observe.rays import dot, minus
 from completion.observe.tolerance import Tolerance
-from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from scenes.run.mapping import trim
@@ -30,7 +30,7 @@ _RANK = np.array([9, 7, 6, 2, 3, 4, 8, 5], np.int8)  # of each reason: what tell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceSamples:
+class SurfaceSamples(ArrayValue):
     """Samples (n,) of exposed surface.
 
     `points`, `normals` (n, 3), `triangle` and `element` (n,), the `area_m2` (n,) that each stands for, and
@@ -43,9 +43,6 @@ class SurfaceSamples:
     element: NDArray[np.int32]
     area_m2: FloatArray
     is_open: BoolArray
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def of_element(self, surface: int) -> NDArray[np.int64]:
         """Return the rows (k,) of an element's samples, which lie together."""

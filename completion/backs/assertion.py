@@ -14,11 +14,11 @@ from completion.backs.probability import Element
 from completion.backs.seeing import is_possible, see
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asserted:
+class Asserted(Value):
     """Inferred surface as points.
 
     Attributes

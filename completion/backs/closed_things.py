@@ -22,7 +22,7 @@ from completion.evidence.evidence import Scans
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
 from completion.room.roles import Room
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, Value
 from scenes.inclination import Up
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.pose import Pose
@@ -34,7 +34,7 @@ _MOST_TOLD = 8  # hypotheses of a thing in things.json
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClosedThing:
+class ClosedThing(Value):
     """A thing with its closed shape.
 
     Attributes

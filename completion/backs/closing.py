@@ -18,7 +18,7 @@ from completion.backs.seeing import moved_by
 from completion.backs.symmetry import move, one_a_cell
 from completion.backs.views import Scale, Setting, Sight
 from completion.evidence.sight import Eye, pixel_of
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from texture.engine.compiled import compiled
 
 MEASURED, SYMMETRY, TURN, SUPPORT, WALL, HULL, BOUND = range(7)
@@ -28,7 +28,7 @@ _IDENTITY = np.eye(3, 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClosedShape:
+class ClosedShape(Value):
     """A watertight mesh of a thing.
 
     Attributes

@@ -15,7 +15,7 @@ from completion.backs.symmetry import Symmetry
 from completion.backs.views import Scale, Setting, Sight, ThingView
 from completion.backs.weights import EXTENTS, VOLUMES
 from completion.observe.rays import triple
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 _SHARE = 0.8
 SEEN = "seen to its end"
@@ -23,7 +23,7 @@ SEEN = "seen to its end"
 
 
 @dataclass(frozen=True, slots=True)
-class VolumeInterval:
+class VolumeInterval(Value):
     """Volume that a thing takes up, cubic metres: of the closed mesh, an 80 % interval, the certain bound.
 
     `certain_most` is what lies in the thing's shadow, down to the support and up to walls; None where that
@@ -38,7 +38,7 @@ class VolumeInterval:
 
 
 @dataclass(frozen=True, slots=True)
-class Extent:
+class Extent(Value):
     """Length of a thing along a unit direction (`way`), metres, and why; `most` is None without a bound.
 
     `estimate` is that of the closed shape.
@@ -57,7 +57,7 @@ class Extent:
 
 
 @dataclass(frozen=True, slots=True)
-class Extents:
+class Extents(Value):
     """Width (level, across the depth), depth (level, away from the front) and height above the support."""
 
     width: Extent

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class BackOptions:
+class BackOptions(Value):
     """What is inferred of the unseen sides of things.
 
     Parameters

@@ -22,11 +22,11 @@ from completion.backs.options import BackOptions
 from completion.backs.probability import choose, elements_of, weigh
 from completion.backs.symmetry import Symmetry, draw_sample
 from completion.backs.views import Setting, ThingView, prepare_sight, scale_of
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Back:
+class Back(Value):
     """The unseen sides of a thing.
 
     Attributes

@@ -11,13 +11,13 @@ import numpy as np
 
 from completion.backs.limits import CELL, N_COARSE, N_LIMB, N_POINTS
 from completion.backs.views import Scale, Sight
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 
 Kind = Literal["mirror", "axis", "turn"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Symmetry:
+class Symmetry(Value):
     """One hypothesis: an isometry, or a group of them, that may map the thing into itself.
 
     Attributes

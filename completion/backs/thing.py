@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UprightBox:
+class UprightBox(ArrayValue):
     """The least upright box around measured points, world coordinates.
 
     Attributes
@@ -26,9 +26,6 @@ class UprightBox:
     low: FloatArray
     high: FloatArray
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     @property
     def size(self) -> FloatArray:
         """Lengths (3,) of its sides along the axes, metres."""
@@ -41,7 +38,7 @@ class UprightBox:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cut:
+class Cut(Value):
     """Whether a thing goes on, in one scan, past the border of the image or behind an occluder."""
 
     scan: int
@@ -50,7 +47,7 @@ class Cut:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Thing:
+class Thing(ArrayValue):
     """What stands in a room.
 
     Attributes
@@ -94,9 +91,6 @@ class Thing:
     cuts: tuple[Cut, ...]
     surfaces: tuple[int, ...]
     measured_m2: float
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def mask(self, scan: int, shape: tuple[int, int]) -> BoolArray:
         """Its pixels (rows, columns) in a scan."""

@@ -14,12 +14,12 @@ from completion.backs import separation_limits as limits
 from completion.backs.thing import Thing
 from completion.extension.patch import Patch
 from completion.room.roles import Room
-from scenes.checks import FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, FloatArray, Value
 from scenes.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WallBehind:
+class WallBehind(ArrayValue):
     """A wall before which a thing stands.
 
     Attributes
@@ -42,12 +42,9 @@ class WallBehind:
     sd_m: float
     gap_m: float
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
+class Surroundings(Value):
     """What bounds a thing: height and deviation of its support along up, metres; walls, nearest first."""
 
     support_m: float | None

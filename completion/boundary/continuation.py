@@ -12,7 +12,7 @@ import numpy as np
 from completion.boundary.edges import BoundaryEdge, ChartLine, Circle
 from completion.boundary.limits import CORNER_CELLS, LEAD_CELLS, SKIP_CELLS
 from completion.evidence.chart_grid import ChartGrid
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 
 class Cue(StrEnum):
@@ -33,7 +33,7 @@ ALL_CUES = tuple(Cue)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ContinuedEdge:
+class ContinuedEdge(Value):
     """The hidden part of an edge, as far as it was followed."""
 
     curve: ChartLine | Circle  # which the edge follows

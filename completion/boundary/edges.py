@@ -23,7 +23,7 @@ from completion.boundary.limits import (
     SLACK,
     SQUARE_COSINE,
 )
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled, inlined, sort_order
 
@@ -189,7 +189,7 @@ def _most_voted_line(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChartLine:
+class ChartLine(Value):
     """The line through `point` along the unit vector `direction`, chart coordinates in metres."""
 
     point: FloatArray
@@ -223,7 +223,7 @@ class ChartLine:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Circle:
+class Circle(Value):
     """The circle around `centre` with `radius`, chart coordinates in metres."""
 
     centre: FloatArray
@@ -315,7 +315,7 @@ def _across_axis(chart: Cylinder, other: Plane) -> ChartLine | None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoundaryEdge:
+class BoundaryEdge(Value):
     """A curve with the runs of it that were seen."""
 
     curve: ChartLine | Circle  # where it is

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from completion.boundary.continuation import ContinuedEdge
 from completion.boundary.limits import GOES_ON, MOST_COST_M
 from completion.evidence.chart_grid import ChartGrid
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from texture.engine.compiled import compiled
 
 
@@ -106,7 +106,7 @@ _UNITS = 10_000  # of cost in a metre: capacities are whole numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Borders:
+class Borders(Value):
     """Pairs of neighbouring hidden cells between which a continued edge passes.
 
     A boundary there costs 1 minus `GOES_ON` on the side where the surface was seen along the edge, else 1.
@@ -120,7 +120,7 @@ class Borders:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HiddenRegions:
+class HiddenRegions(Value):
     """The hidden zone, divided."""
 
     region: NDArray[np.int32]  # (rows, columns) number of each cell's region, from 0; -1 where not hidden
@@ -215,7 +215,7 @@ def _border_costs(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Labelling:
+class Labelling(Value):
     """Which regions are surface.
 
     Attributes

@@ -14,7 +14,7 @@ from completion.boundary.edges import ChartLine, Circle, meeting_line
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
 from completion.observe.observation import Observation
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
@@ -23,7 +23,7 @@ _LEAST_CORNERS = 3  # of a polygon
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trim:
+class Trim(Value):
     """A curve of the chart that cells end at."""
 
     curve: ChartLine | Circle  # in the chart
@@ -32,7 +32,7 @@ class Trim:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChartMesh:
+class ChartMesh(Value):
     """Triangles on a chart."""
 
     vertices: FloatArray  # (n, 3) points on the surface, working frame

@@ -18,14 +18,14 @@ from completion.boundary.edges import ChartLine, Circle
 from completion.boundary.meshing import Trim
 from completion.evidence.chart_grid import ChartGrid
 from completion.merging.merged_surface import MergedSurface
-from scenes.checks import BoolArray, FloatArray, InputError, check_point, check_points, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_point, check_points, frozen_copy
 from scenes.surfaces.catalogue import Plane, Surface
 
 _CORNERS = 48  # of a round hole's outline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedOpening:
+class FittedOpening(Value):
     """An opening fitted as a whole and accepted by evidence; working frame, metres.
 
     Attributes
@@ -50,7 +50,7 @@ class FittedOpening:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedHole:
+class FittedHole(Value):
     """A round hole of a row, a grid or a circle, which are all equal; working frame, metres.
 
     Attributes
@@ -102,7 +102,7 @@ class FittedHole:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedJoint:
+class FittedJoint(Value):
     """Where a surface ends at another one that it was fitted together with; working frame.
 
     Attributes
@@ -144,7 +144,7 @@ _LEAST_SIDE_M = 1e-9  # of an outline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Anchor:
+class Anchor(Value):
     """A surface named by a place where it was measured, which holds however surfaces are numbered.
 
     Attributes
@@ -166,7 +166,7 @@ class Anchor:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Edit:
+class Edit(Value):
     """One thing that a person says of one or several surfaces; world coordinates, metres.
 
     Attributes
@@ -239,7 +239,7 @@ class Edit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wish:
+class Wish(Value):
     """Hidden area that a person accepts or rejects: inside an outline (n, 3), or all of the surface's."""
 
     accepts: bool
@@ -247,7 +247,7 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceEdits:
+class SurfaceEdits(Value):
     """What a person says of one surface; working frame, metres."""
 
     actions: tuple[Action, ...] = ()  # what was done to it, in order

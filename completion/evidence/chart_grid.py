@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChartGrid:
+class ChartGrid(Value):
     """Cells on a chart: rows run along v, columns along u; on a full cylinder columns wrap around."""
 
     surface: Surface  # whose chart it is

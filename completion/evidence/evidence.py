@@ -15,7 +15,7 @@ from completion.evidence.reach import Reach, reach_of
 from completion.evidence.sight import ScanSight, Views, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
-from scenes.checks import BoolArray
+from scenes.checks import BoolArray, Value
 
 
 class Label(IntEnum):
@@ -30,7 +30,7 @@ class Label(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class Evidence(Value):
     """Labels of a chart grid's cells.
 
     Attributes
@@ -86,7 +86,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scans:
+class Scans(Value):
     """All scans, and what is needed to hold a surface against them."""
 
     observations: tuple[Observation, ...]  # the scans, working frame

@@ -16,6 +16,7 @@ from completion.evidence.limits import LEAST_COSINE, WIDEST
 from completion.evidence.sight import ScanSight, Window, along_ray
 from completion.observe.observation import Observation
 from completion.observe.rays import Rays, Triple, deviation_at, ray_at
+from scenes.card import shown
 from scenes.checks import FloatArray, read_only_view
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from texture.engine.compiled import compiled, inlined
@@ -30,6 +31,7 @@ _PART = 4  # pixels: side of the parts of a tile
 _SLACK = 1e-6  # of lengths, which are kept in single precision, and radians
 
 
+@shown
 class Reach(NamedTuple):
     """What is known of the (rows, columns) of tiles of an image, in single precision: half a byte a pixel."""
 

@@ -15,6 +15,7 @@ from completion.observe.observation import Observation
 from completion.observe.rays import Noise, Rays, Triple, dot, minus, triple
 from completion.observe.shadow import Devices
 from completion.observe.tolerance import Tolerance
+from scenes.card import shown
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from texture.engine.compiled import inlined
@@ -24,6 +25,7 @@ _SEAM = 1e-9  # radians; so that rounding opens no seam where a full turn closes
 _FULL_TURN = 2 * np.pi
 
 
+@shown
 class Eye(NamedTuple):
     """A sensor and the tolerance along its rays as compiled loops read them: numbers alone."""
 
@@ -40,6 +42,7 @@ class Eye(NamedTuple):
     max_m: float
 
 
+@shown
 class ScanSight(NamedTuple):
     """A scan as compiled loops read it."""
 
@@ -286,6 +289,7 @@ def _count_below(angles: FloatArray, first: int, n: int, rises: bool, limit: flo
 _SLACK_M = 1e-6  # of lengths, for rounding
 
 
+@shown
 class Ball(NamedTuple):
     """A ball around a chart's cells."""
 
@@ -300,6 +304,7 @@ def ball_around(bounds: FloatArray, cell: FloatArray) -> Ball:
     return Ball(triple((low + high) / 2), radius)
 
 
+@shown
 class Views(NamedTuple):
     """Where n scans stand and look, so that all are asked at once."""
 

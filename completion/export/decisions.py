@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -36,7 +36,8 @@ from completion.export.dimension import (
 )
 from completion.export.room_dimensions import opening_sizes, room_heights, room_sizes, thicknesses, widths_of
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
+from scenes.run.libraries import table_of
 
 _AROUND, _WITHIN, _BEYOND = 1.3, 0.6, 1.5  # radii from an axis: beside a cylinder, in its lid, beyond that
 
@@ -308,7 +309,7 @@ COLUMNS = ("dimension", "kind", "value_m", "low_m", "high_m", "measured_share", 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DecisionSheet:
+class DecisionSheet(Value):
     """Dimensions with advice.
 
     Attributes
@@ -336,6 +337,10 @@ class DecisionSheet:
         """How many of them there are of each word."""
         literal = Counter(self.advice)
         return {word: literal[word] for word in ("rely", "check", "do not build")}
+
+    def to_pandas(self) -> Any:
+        """Return what `decisions.csv` holds as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of(self.to_csv())
 
     def to_csv(self) -> str:
         """What `decisions.csv` holds: lengths in metres, areas in m2, volumes in m3, as `unit` says.

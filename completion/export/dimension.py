@@ -11,7 +11,7 @@ import numpy as np
 
 from completion.export.building.model import BuildingElement, PlaneElement
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 Kind = Literal[
     "room width", "room height", "room area", "room volume", "wall thickness", "slab thickness",
@@ -24,7 +24,7 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Support:
+class Support(Value):
     """A place on a surface that a dimension rests on.
 
     Attributes
@@ -44,7 +44,7 @@ class Support:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Dimension:
+class Dimension(Value):
     """A number that people order by.
 
     Attributes

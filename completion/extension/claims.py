@@ -15,7 +15,7 @@ from scipy import ndimage
 from completion.extension.limits import APART_SD, CLAIM_SLOPE, FACING_COSINE, SMALL_M2, SMALL_SHARE
 from completion.extension.patch import Patch
 from completion.room.planes import Role
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
@@ -142,7 +142,7 @@ def _without(patch: Patch, cells: BoolArray) -> Patch:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class Choice(Value):
     """Which surfaces are numbered and continued.
 
     Attributes

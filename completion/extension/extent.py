@@ -20,14 +20,14 @@ from completion.observe.observation import Observation
 from completion.observe.user_options import UserOptions
 from completion.room.planes import Role
 from completion.segmentation.regions import observed_arc
-from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _MOST_POINTS = 50_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ExtensionRules:
+class ExtensionRules(Value):
     """What a continuation may use, and how sure it must be."""
 
     wishes: UserOptions  # of a person: how probable and how certain inferred area must be
@@ -37,7 +37,7 @@ class ExtensionRules:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Extent:
+class Extent(ArrayValue):
     """Where one surface may be continued.
 
     Attributes
@@ -105,9 +105,6 @@ class Extent:
     radius_sd: float = 0.0
     index: int = -1
     role: Role = ""
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.

@@ -21,7 +21,7 @@ from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray
 
 
 class Provenance(IntEnum):
@@ -39,7 +39,7 @@ class Provenance(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patch:
+class Patch(ArrayValue):
     """One completed surface in its chart.
 
     Attributes
@@ -98,9 +98,6 @@ class Patch:
     verdict: SurfaceEdits
     feature: int = 0
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     @property
     def observed(self) -> BoolArray:
         """Cells (rows, columns) where the surface was measured."""
@@ -115,6 +112,15 @@ class Patch:
     def hypothesised_m2(self) -> float:
         """Inferred area in square metres, cells at a cut counted whole."""
         return float(self.hypothesised.sum()) * self.grid.cell_area
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """The kind of surface, how much of it is measured and inferred."""
+        return [
+            ("kind", self.grid.surface.kind),
+            ("measured", f"{self.observed_m2:.2f} m\u00b2"),
+            ("inferred", f"{self.hypothesised_m2:.2f} m\u00b2"),
+            ("cells", f"{' x '.join(map(str, self.grid.shape))} of {1000 * self.grid.cell[0]:.3g} mm"),
+        ]
 
 
 def in_hull(cells: BoolArray, among: BoolArray) -> BoolArray:

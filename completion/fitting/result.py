@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from completion.fitting.kinds import chart_of, chart_origin, kind_of
-from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
+from scenes.card import Card
+from scenes.checks import ArrayValue, BoolArray, FloatArray, InputError
 from scenes.inclination import Inclination
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Surface
 
@@ -18,7 +19,7 @@ class FitError(InputError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceFit:
+class SurfaceFit(ArrayValue):
     """A surface fitted to points.
 
     Attributes
@@ -58,9 +59,6 @@ class SurfaceFit:
     inliers: BoolArray | None = None
     metric: str = "euclidean"
     held: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -128,20 +126,21 @@ class SurfaceFit:
             return Inclination.of_axis(axis, up, covariance, up_sd_deg)
         return Inclination(np.nan)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows: the parameters and how well they are known."""
-        from scenes.card import Card  # only notebooks need it
-
-        figures = [
-            (f"{name}, {_unit(name)}" if _unit(name) else name, _digits(value))
-            for name, value in self.parameters().items()
+    def _facts(self) -> list[tuple[str, str]]:
+        """The kind of surface, its parameters and how well they are known."""
+        figures = [("kind", f"{type(self.surface).__name__.lower()}, {self.metric}")]
+        figures += [
+            (name, f"{_digits(value)} {_unit(name)}".rstrip()) for name, value in self.parameters().items()
         ]
         figures += [
             (f"sd of {name}", f"{_digits(value)} {_deviation_unit(name)}")
             for name, value in self.parameter_deviations().items()
         ]
-        figures += [("residual, rms", f"{1000 * self.rms:.3g} mm"), ("points", str(self.n))]
-        title = f"{type(self.surface).__name__.lower()}, {self.metric}"
+        return [*figures, ("residual rms", f"{1000 * self.rms:.3g} mm"), ("points", str(self.n))]
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the parameters and how well they are known."""
+        (_, title), *figures = self._facts()
         note = "" if self.converged else "The last steps still moved the surface: take it with care."
         return Card("Surface fit", title, figures, note=note).to_html()
 

@@ -14,13 +14,13 @@ from completion.fitting.limits import LEAST_RATIO, ROUNDING, TUKEY
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.robust import fit_robust
 from completion.fitting.shape import Shape
-from scenes.checks import check_points
+from scenes.checks import Value, check_points
 
 _N_STEPS = 100  # a shape that is not found in so many is not this one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Selection:
+class Selection(Value):
     """The shapes tried, best first.
 
     Attributes

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 
 
 class RegionKind(StrEnum):
@@ -21,7 +21,7 @@ class RegionKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class FlatRegion:
+class FlatRegion(Value):
     """A part of a plane that may be relief.
 
     Attributes
@@ -87,7 +87,7 @@ class FlatHeights:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlatSurface:
+class FlatSurface(Value):
     """What became of one labelled plane of a mesh; as in `FlatHeights`.
 
     Attributes
@@ -211,7 +211,7 @@ def _region_record(region: FlatRegion) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlatteningOptions:
+class FlatteningOptions(Value):
     """What is kept, and how finely a surface is looked at.
 
     Attributes

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation, ScanPixels
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 from scenes.run.mapping import trim
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MergedSurface:
+class MergedSurface(Value):
     """One surface with all its pixels in all scans.
 
     Attributes

@@ -20,6 +20,7 @@ from completion.observe.rays import deviation_at, dot, minus
 from completion.observe.refitting import refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
+from scenes.card import shown
 from scenes.checks import FloatArray
 from scenes.run.mapping import NoSpill, Spill, trim
 from texture.engine.compiled import compiled
@@ -185,6 +186,7 @@ def _together(pieces: Sequence[SurfacePiece], spill: Spill | NoSpill) -> tuple[t
     return tuple(kept)
 
 
+@shown
 class UnconfirmedRegions(NamedTuple):
     """What was left out of a sequence: regions of single frames, and their pixels."""
 

@@ -21,13 +21,13 @@ from completion.registration.pipeline import correct_poses
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
-from scenes.checks import FloatArray, InputError, check_options
+from scenes.checks import FloatArray, InputError, Value, check_options
 from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SurfaceOptions:
+class SurfaceOptions(Value):
     """Options of `find_surfaces`; `CompletionOptions` describes those of the same name.
 
     Attributes
@@ -105,7 +105,7 @@ class SurfaceOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanSurfaces:
+class ScanSurfaces(Value):
     """The surfaces that scans show, and the scans as they were prepared for it.
 
     Attributes

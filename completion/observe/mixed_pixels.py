@@ -24,6 +24,7 @@ from completion.observe.limits import (
 )
 from completion.observe.rays import Noise, deviation_at
 from completion.observe.tolerance import FLATNESS_M
+from scenes.card import shown
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled, inlined
 
@@ -33,6 +34,7 @@ _LONGER = np.sqrt(2.0)  # than across an edge, the way along a row over one that
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
+@shown
 class MixedBeams(NamedTuple):
     """Beams of a scan that were left out, since each met two surfaces."""
 

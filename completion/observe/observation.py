@@ -16,7 +16,7 @@ from completion.observe.mixed_pixels import NO_MIXED, MixedBeams, find_mixed
 from completion.observe.range_noise import RangeNoise, estimate_noise
 from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
 from completion.observe.shadow import NO_SHADOW, Shadow, find_shadow, shadow_of
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.scan.projection import Projection, SphericalProjection
@@ -24,7 +24,7 @@ from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observation:
+class Observation(Value):
     """A scan in the frame that completion works in.
 
     Attributes
@@ -171,7 +171,7 @@ class LabelledBeams:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PixelSet:
+class PixelSet(Value):
     """Some pixels of an image of `shape`, (rows, columns)."""
 
     flat: NDArray[np.int32]  # (n,) row * columns + column, ascending
@@ -216,7 +216,7 @@ class PixelSet:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanPixels(Sequence[PixelSet]):
+class ScanPixels(Value, Sequence[PixelSet]):
     """Some pixels in each of n scans, of which only those are kept that have any."""
 
     held: tuple[tuple[int, PixelSet], ...]  # by scan, ascending

@@ -13,7 +13,7 @@ from scipy.special import gammaincinv
 from completion.observe.limits import FACING_COSINE, FEWEST_TILES
 from completion.observe.rays import Noise, Rays, deviations, rays_of
 from completion.observe.tiles import cut_tiles
-from scenes.checks import FloatArray, read_only_view
+from scenes.checks import FloatArray, Value, read_only_view
 from scenes.scan.range_image import RangeImage
 
 _WINDOW = 9
@@ -27,7 +27,7 @@ _ROUNDING = 1e-16  # m2: what files' own digits leave
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RangeNoise:
+class RangeNoise(Value):
     """Standard deviation of the range: sqrt(constant^2 + (linear r)^2 + (quadratic r^2)^2), metres.
 
     A laser scanner measures time or phase, whose error hardly depends on the range: constant, with a slope

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.card import shown
 from scenes.checks import FloatArray, read_only_view
 from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled, inlined
@@ -39,6 +40,7 @@ def plus(a: Triple, length: float, b: Triple) -> Triple:
     return a[0] + length * b[0], a[1] + length * b[1], a[2] + length * b[2]
 
 
+@shown
 class Rays(NamedTuple):
     """The rays (p s, q, p t) of rows p, q and columns s, t, or those through measured points."""
 
@@ -51,6 +53,7 @@ class Rays(NamedTuple):
     points: FloatArray | NDArray[np.float32]  # (rows, columns, 3) sensor frame; (0, 0, 3): none
 
 
+@shown
 class Noise(NamedTuple):
     """Expected error of a range r to a flat wall: hypot(hypot(constant, q r^2) + q r^2, bulge r), metres."""
 

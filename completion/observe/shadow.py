@@ -22,6 +22,7 @@ from completion.observe.limits import (
     SURE_SD,
     WINDOW_LINES,
 )
+from scenes.card import shown
 from scenes.checks import FloatArray
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -33,6 +34,7 @@ BASELINES_M = np.geomspace(0.01, 0.15, 55)
 _LEAST_PX = 2 * STRIP_SLACK_PX  # widths below tell nothing: no strip at all would agree
 
 
+@shown
 class Shadow(NamedTuple):
     """Baselines of second devices to the right, left, below and above, as the image shows; 0 for none."""
 
@@ -47,6 +49,7 @@ class Shadow(NamedTuple):
         return max(self) > 0
 
 
+@shown
 class Devices(NamedTuple):
     """A camera and the devices beside it, as compiled loops read them."""
 

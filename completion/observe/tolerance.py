@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from completion.observe.user_options import UserOptions
-from scenes.checks import FloatArray, check_options
+from scenes.checks import FloatArray, Value, check_options
 
 SMALLEST_CELL_M, LARGEST_CELL_M = 1e-4, 1.0
 FLATNESS_M = 0.001
@@ -20,7 +20,7 @@ REGISTRATION_M = UserOptions().registration_m
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class EvidenceOptions:
+class EvidenceOptions(Value):
     """Tolerances along the ray, and how finely places are told apart.
 
     Attributes
@@ -66,7 +66,7 @@ class EvidenceOptions:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Tolerance:
+class Tolerance(Value):
     """How far a range may differ from a surface and agree with it."""
 
     n_sigma: float  # standard deviations

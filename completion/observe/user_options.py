@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from scenes.card import Value
 from scenes.run.option import NOT_NEGATIVE, NumberRange, check_limits, choices, option
 
 Mode = Literal["conservative", "standard", "bold"]
@@ -14,7 +15,7 @@ KINDS = ("walls", "floors", "ceilings", "pipes", "planes", "cylinders")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class UserOptions:
+class UserOptions(Value):
     """Options of `complete` that a person sets; `CompletionOptions` has those of the stages as well.
 
     Attributes

@@ -17,7 +17,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from completion.parts.division.divided_part import DividedPart
 from completion.parts.division.limits import NEARLY_ALL, ROUNDED_OFF, WIDEST_HOLE
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray
 from scenes.mesh.merging import merge_vertices
 from scenes.surfaces.catalogue import Cylinder, Plane
 
@@ -31,7 +31,7 @@ _LEFT = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClosedPart:
+class ClosedPart(ArrayValue):
     """A part's mesh with holes closed.
 
     Attributes

@@ -16,7 +16,7 @@ from completion.flattening.flat import FlatSurface, FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
 from completion.parts.division.limits import NEAR_RMS
 from completion.parts.part import Part, kinds_text
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.checks import ArrayValue, BoolArray, FloatArray, InputError, IntArray
 from scenes.surfaces.catalogue import Plane
 
 _MOST_TOLD = 3  # planes that are named
@@ -24,7 +24,7 @@ _N_BESIDE = 8  # points that are beside one, where there are no triangles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlatPart:
+class FlatPart(ArrayValue):
     """A part with its planes flattened: its points, or vertices, in their order.
 
     Attributes

@@ -8,18 +8,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from completion.relations.graph import RelationGraph
 from completion.relations.relation import RelationStatus
-from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.checks import FloatArray, InputError, IntArray, Value, frozen_copy
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.atomic import write_bytes
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class Part(Value):
     """A part, divided into surfaces.
 
     Attributes
@@ -116,14 +121,31 @@ class Part:
         write_bytes(features, model.feature_data)
         return [target, features]
 
-    def __repr__(self) -> str:
-        holding = (
-            0 if self.relations is None else sum(relation.holds for relation in self.relations.relations)
-        )
+    def to_trimesh(self) -> Trimesh:
+        """Return a part of a mesh as a `trimesh.Trimesh`, with `face_attributes["surface"]`.
+
+        Raises
+        ------
+        InputError
+            A part of points.
+        """
+        if self.faces is None or self.triangle_surface is None:
+            raise InputError("a part of points has no mesh; its points and their surfaces are arrays")
+        faces, labels = (held.astype(np.int32) for held in (self.faces, self.triangle_surface))
+        return LabelledMesh(self.points, faces, labels).to_trimesh()
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """The surfaces, how many points lie on them, and which relations hold."""
         share = float(np.mean(self.surface > 0)) if len(self.surface) else 0.0
-        return (
-            f"Part({kinds_text(self.fits)}; {share:.1%} of {len(self.surface)} points; {holding} relations)"
-        )
+        graph = self.relations
+        holding = "not sought" if graph is None else str(sum(relation.holds for relation in graph.relations))
+        return [
+            ("surfaces", kinds_text(self.fits)),
+            ("measured", f"{share:.1%} of {len(self.surface)} points lie on them"),
+            ("relations", holding),
+            ("noise", f"{1000 * self.noise_m:.3g} mm"),
+            *(("doubtful", sentence) for sentence in self.warnings),
+        ]
 
 
 def kinds_text(fits: Sequence[SurfaceFit]) -> str:

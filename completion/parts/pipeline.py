@@ -24,7 +24,7 @@ from completion.relations.pipeline import infer
 from completion.relations.relation import RelationStatus, StatedRelation
 from completion.uncertainty.space_warp import SpaceWarp, find_warp
 from scenes.checks import FloatArray, InputError, IntArray
-from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.labelled_mesh import LabelledMesh, mesh_or_points
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress
 
@@ -52,7 +52,7 @@ def model_part(
     Parameters
     ----------
     shape : (n, 3) float, or LabelledMesh
-        Points in any order, or a mesh; metres.
+        Points in any order, or a mesh; metres. Meshes and clouds of trimesh, Open3D and pyvista will do.
     labels : (n,) int, optional
         Which surface each point (vertex) belongs to, where that is known; 0 and less for none. Points are
         then not divided.
@@ -84,6 +84,8 @@ def model_part(
     >>> part.fits[0].surface.kind, part.relations.relations[0].kind
     ('plane', 'perpendicular')
     """
+    shape = mesh_or_points(shape)
+
     # 1. Divide: which surface each point is on, and a fit for each; given labels are kept.
     part = divide_part(shape, labels, normals=normals, noise_m=noise_m, progress=progress, journal=journal)
 

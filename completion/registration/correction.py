@@ -20,13 +20,13 @@ from completion.registration.facets import Meetings, ScanFacets, count_agreement
 from completion.registration.motions import STILL
 from completion.registration.prior import FacetLinks, Pair, PoseCorrections, link, meet_all, settle
 from completion.registration.station_view import sample_of
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, trim
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Registration:
+class Registration(Value):
     """What n scans say of their poses.
 
     Attributes
@@ -109,7 +109,7 @@ def _moved_scan(seen: Observation, motion: FloatArray) -> Observation:
 
 
 @dataclass(frozen=True, slots=True)
-class ScanPair:
+class ScanPair(Value):
     """What two scans that measured the same surfaces say of each other's poses.
 
     Attributes

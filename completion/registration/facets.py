@@ -31,10 +31,12 @@ from completion.registration.limits import (
     ROUGHEST,
     SAME_SURFACE,
 )
+from scenes.card import shown
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled, inlined
 
 
+@shown
 class ScanFacets(NamedTuple):
     """A scan in tiles of `side` pixels, working frame; the flat ones are facets."""
 

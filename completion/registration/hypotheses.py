@@ -19,7 +19,7 @@ from completion.registration.motions import STILL, angle_between, compose, inver
 from completion.registration.pose_candidates import form_candidates, plane_candidates, turn_candidates
 from completion.registration.refinement import PlacedScan, equations_of, refine, stiffness
 from completion.registration.station_view import StationView
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 
 
 def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: float) -> float:
@@ -50,7 +50,7 @@ def _without_largest(normals: FloatArray, places: FloatArray, facets: IntArray) 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
+class Hypothesis(Value):
     """A motion of some scans into the frame of others, and what speaks for it.
 
     Attributes

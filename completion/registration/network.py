@@ -34,7 +34,7 @@ from completion.registration.refinement import (
 )
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Judgement, Verdict, is_approved, judge
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 
 Pair = tuple[int, int]
 _Scans = tuple[int, ...]
@@ -43,7 +43,7 @@ Hypotheses = Mapping[Pair, Sequence[Hypothesis]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanGroup:
+class ScanGroup(Value):
     """Scans that are placed to each other: by the number of each its pose (3, 4) in the group's frame."""
 
     poses: Mapping[int, FloatArray]
@@ -303,7 +303,7 @@ def _add(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NetworkEdge:
+class NetworkEdge(Value):
     """Two scans of a group that share surface.
 
     Attributes
@@ -322,7 +322,7 @@ class NetworkEdge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Network:
+class Network(Value):
     """A group as all that its scans share settles it.
 
     Attributes

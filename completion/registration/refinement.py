@@ -13,9 +13,11 @@ from completion.registration import limits
 from completion.registration.facets import Meetings, meet
 from completion.registration.motions import STILL, compose, inverse, perturb
 from completion.registration.station_view import StationView
+from scenes.card import shown
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 
+@shown
 class PlacedScan(NamedTuple):
     """A scan and its pose (3, 4) in the frame of its group."""
 

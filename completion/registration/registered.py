@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -18,13 +19,13 @@ from completion.registration.network import Hypotheses, Network, NetworkEdge, Sc
 from completion.registration.refinement import PlacedScan, equations_of
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict, judge
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PairVerdict:
+class PairVerdict(Value):
     """What is known of the pose of one scan to another.
 
     Attributes
@@ -68,7 +69,7 @@ class PairVerdict:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Registered:
+class Registered(Value):
     """What n scans told of their poses.
 
     Attributes
@@ -93,6 +94,18 @@ class Registered:
     level: float | None
     unit_m: float = 1.0
     checked: Registration | None = None
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Which scans were placed together, and what is known of their pairs."""
+        verdicts = Counter(pair.verdict for pair in self.pairs)
+        groups = ", ".join(str(len(network.group.poses)) for network in self.groups)
+        alone = len(self.networks) - len(self.groups)
+        return [
+            ("scans", str(len(self.views))),
+            ("placed together", groups or "none"),
+            ("by themselves", str(alone)),
+            *((f"pairs {verdict}", str(n)) for verdict, n in sorted(verdicts.items())),
+        ]
 
     def in_metres(self, unit_m: float) -> Registered:
         """Return the same in metres whose poses and alternatives were in units of `unit_m`."""

@@ -15,14 +15,14 @@ from completion.registration import limits
 from completion.registration.facets import ScanFacets, facets_of
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import Region, SegmentationOptions
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaneSums:
+class PlaneSums(Value):
     """The planes of a scan, in its frame.
 
     Attributes
@@ -69,7 +69,7 @@ class PlaneSums:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Directions:
+class Directions(Value):
     """What the planes of a scan face, largest area first.
 
     Attributes
@@ -88,7 +88,7 @@ class Directions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StationView:
+class StationView(Value):
     """A scan as registration sees it, in its own frame: the sensor is the origin.
 
     Attributes

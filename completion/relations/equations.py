@@ -11,7 +11,7 @@ import numpy as np
 
 from completion.fitting.chart import axis_frame
 from completion.relations.limits import LEAST_APART
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import perpendicular
 
@@ -19,7 +19,7 @@ _LEAST_HALF_ANGLE = 1e-9  # radians; a cone that is narrower is a cylinder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placement:
+class Placement(Value):
     """Point, direction, radius and half angle of a surface, each with its derivative by k parameters.
 
     Attributes
@@ -220,7 +220,7 @@ class RelationFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Constraint:
+class Constraint(Value):
     """The equations of a relation at a place.
 
     Attributes

@@ -22,12 +22,12 @@ from completion.relations.estimate import JointEstimate
 from completion.relations.limits import FEWEST_ACROSS, MOST_FRAME_SD, MOST_RADIUS_SD
 from completion.relations.options import RelationOptions
 from completion.relations.relation import Relation, RelationStatus
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RelationGraph:
+class RelationGraph(Value):
     """Surfaces and their relations.
 
     Attributes

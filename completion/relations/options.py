@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.relations.relation import KINDS, RelationKind
-from scenes.checks import FloatArray, InputError, check_direction, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, frozen_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RelationOptions:
+class RelationOptions(Value):
     """What relations are looked for, and how they are tested.
 
     Attributes

@@ -35,7 +35,7 @@ from completion.relations.proposals import STAGES, propose
 from completion.relations.relation import Relation, RelationStatus, StatedRelation
 from completion.uncertainty.joint_errors import UNRELATED, JointErrors, RelatedErrors
 from completion.uncertainty.pipeline import StatedFits, shift_by_sensors
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.pose import Pose
 from scenes.scan.range_image import MESH_SENSOR
 
@@ -341,7 +341,7 @@ _N_SAMPLE = 1_000  # pixels that tell how far a surface was moved off what was m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceRelations:
+class SurfaceRelations(Value):
     """What was found of surfaces' relations.
 
     Attributes

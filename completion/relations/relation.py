@@ -14,7 +14,7 @@ import numpy as np
 
 from completion.edits.edit import Anchor
 from completion.edits.file import anchors_of, named_anchor
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 from scenes.io.checks.documents import parse_json, read_text
 from scenes.io.checks.guard import guard_reading
 
@@ -59,7 +59,7 @@ class RelationStatus(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Relation:
+class Relation(Value):
     """What surfaces are to each other, by their numbers from 0.
 
     Attributes
@@ -158,7 +158,7 @@ _Named = TypeVar("_Named")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class StatedRelation(Generic[_Named]):
+class StatedRelation(Value, Generic[_Named]):
     """What a person says that surfaces are, or are not, to each other.
 
     Attributes

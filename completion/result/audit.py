@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from completion.observe.observation import Observation
 from completion.observe.rays import Rays, dot, ray_at
 from completion.observe.tolerance import Tolerance
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.rays.raycast import RayCaster
 from scenes.run.mapping import trim
@@ -29,7 +29,7 @@ _SLACK = 1e-6  # of rounding, metres and radians
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AuditResult:
+class AuditResult(Value):
     """What the beams say of a hypothesised mesh.
 
     Attributes

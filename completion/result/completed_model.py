@@ -57,7 +57,8 @@ from completion.result.openings import SurfaceOpening, find_openings
 from completion.room.roles import Room
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.checks import FloatArray, InputError
+from scenes.card import INFERRED, MEASURED, Card, CardShare
+from scenes.checks import FloatArray, InputError, Value
 from scenes.inclination import Up
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, spill_of, trim
@@ -65,7 +66,7 @@ from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CompletedSurfaces:
+class CompletedSurfaces(Value):
     """The surfaces of scans, continued behind their occluders, working frame.
 
     Attributes
@@ -109,7 +110,7 @@ _REACH = 3.0  # cells between the border of a panel and the outermost pixels of 
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class Effect(Value):
     """What came of a person's edits on a surface; square metres, cells counted whole."""
 
     filled_m2: float  # inferred because a person says so
@@ -118,7 +119,7 @@ class Effect:
 
 
 @dataclass(frozen=True, eq=False)
-class DerivedSurface:
+class DerivedSurface(Value):
     """What follows from one completed surface; each property is computed when it is first read, and kept.
 
     Of large models it is kept on disk.
@@ -180,7 +181,7 @@ class DerivedSurface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TexturedPart:
+class TexturedPart(Value):
     """Facets of one surface that have one provenance, with their places in the atlas."""
 
     number: int  # of the surface, from 1
@@ -191,7 +192,7 @@ class TexturedPart:
 
 
 @dataclass(frozen=True, eq=False)
-class CompletedModel:
+class CompletedModel(Value):
     """What `complete` found, before any file; `Completion` describes the attributes.
 
     What follows from it is computed when it is first read, and kept; threads that read a property at the same
@@ -449,18 +450,26 @@ class CompletedModel:
         """Return the light model, working frame: few facets, and the folds and corners that they share."""
         return self._panels
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
-        from scenes.card import INFERRED, MEASURED, Card, CardShare  # only notebooks need it and the picture
-        from scenes.scan.thumbnail import thumbnails
-
+    def _facts(self) -> list[tuple[str, str]]:
+        """What is measured, and what is inferred."""
         observed, inferred = self.observed_m2, self.hypothesised_m2
-        whole = max(observed + inferred, 1e-12)
         more = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
-        figures = [
+        things = [("things", f"{len(self.things)}, with the sides that nobody saw")] if self.things else []
+        return [
             ("measured", f"{observed:.2f} m\u00b2 on {len(self.patches)} surfaces"),
             ("inferred", f"{inferred:.2f} m\u00b2{more}, mode {self.mode}"),
             ("inferred where a beam went through", f"{self.free_space_violation_m2:.3f} m\u00b2"),
+            *things,
+        ]
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
+        from scenes.scan.thumbnail import thumbnails  # only notebooks need it
+
+        observed, inferred = self.observed_m2, self.hypothesised_m2
+        whole = max(observed + inferred, 1e-12)
+        figures = [
+            *self._facts(),
             *(
                 (f"surface {number}", f"{patch.grid.surface.kind}, {_areas(patch)}")
                 for number, patch in enumerate(self.patches[:_MOST_SURFACES], start=1)

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import chain
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from completion.backs.closing import ORIGINS
 from completion.export.building.bodies import ScanBeams
 from completion.export.building.model import building_model
 from completion.export.building.parts import BuildingParts, building_parts
+from completion.export.building.things import building_things
 from completion.export.decisions import TOLERANCE_M, DecisionSheet, decision_sheet
 from completion.export.ifc import ifc_of
 from completion.export.room_dimensions import room_stamps, widths_of
@@ -32,11 +34,14 @@ from completion.result.verification import Verification
 from scenes.checks import InputError
 from scenes.io.clouds.e57_writer import write_e57
 from scenes.io.formats.format import Units
-from scenes.io.meshes.glb_writer import glb_of
+from scenes.io.meshes.glb_writer import glb_of, scene_of_parts
 from scenes.io.meshes.obj import write_obj
 from scenes.io.meshes.ply import PlyMesh
 from scenes.io.meshes.ply_writer import write_mesh_ply, write_meshes_ply
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json, write_text
+
+if TYPE_CHECKING:
+    from trimesh import Scene as TrimeshScene
 
 
 def building_of(completion: CompletedModel) -> BuildingParts:
@@ -53,9 +58,9 @@ def building_of(completion: CompletedModel) -> BuildingParts:
         room=completion.completed.room,
         world=completion.drawing_from_reference,
         drawing_from_world=completion.up.drawing_from_world,
-        things=completion.things,
-        title=_title_of(completion),
     )
+    things = tuple(building_things(completion.things))
+    model = replace(model, things=things, title=_title_of(completion))
     return building_parts(
         model,
         ScanBeams.of(
@@ -125,6 +130,10 @@ class Completion(CompletedModel):
         record = completion_record(self, verification, observed=observed)
         building = self.building()
         write_model(self, folder, record, building=building, decisions=self.decisions(of=building))
+
+    def to_trimesh(self) -> TrimeshScene:
+        """Return the light model as a `trimesh.Scene`, with parts as `observed 1 plane` by name."""
+        return scene_of_parts(model_parts(self))
 
     def building(self) -> BuildingParts:
         """Return the light model with its walls, slabs, rooms, columns and pipes."""

@@ -16,7 +16,7 @@ from completion.flattening.flat import FlatSurface, FlattenedMesh, FlatteningOpt
 from completion.flattening.pipeline import flatten_mesh
 from completion.observe.observation import Observation
 from completion.observe.range_noise import depth_step
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
@@ -25,7 +25,7 @@ _STEP = 6.0  # pixels' footprints, and standard deviations, that neighbours may 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlatScan:
+class FlatScan(Value):
     """A scan whose planes are flattened.
 
     Attributes

@@ -18,7 +18,7 @@ from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture
-from scenes.checks import ColourArray, FloatArray
+from scenes.checks import ColourArray, FloatArray, Value
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes
@@ -31,7 +31,7 @@ _OF_VERTICES = ("vertices", "surface", "provenance", "sd", "confidence", "colour
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LabelledPoints:
+class LabelledPoints(Value):
     """A mesh whose every vertex says where it comes from.
 
     Attributes
@@ -154,7 +154,7 @@ class _Band:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Remainder:
+class Remainder(Value):
     """What belongs to no surface.
 
     Attributes

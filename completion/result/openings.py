@@ -15,7 +15,7 @@ from completion.edits.edit import FittedHole, FittedOpening, SurfaceEdits, outli
 from completion.evidence.chart_grid import ChartGrid
 from completion.export.panels.outline import intersect_lines, straight_corners, trace_cells
 from completion.extension.patch import Patch
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 _MIN_CELLS = 25  # that beams went through
 _NEAR = 1.5  # cells between an outline and the edge that it follows
@@ -25,7 +25,7 @@ _FOLLOWS = 0.6  # share of a side that must lie near one edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OpeningSides:
+class OpeningSides(Value):
     """How well the n sides of an opening are known within their surface.
 
     Attributes
@@ -46,7 +46,7 @@ class OpeningSides:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceOpening:
+class SurfaceOpening(Value):
     """A hole in a surface.
 
     Attributes

@@ -17,7 +17,7 @@ from completion.extension.patch import Patch
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.result.completed_model import CompletedModel, anchor_of
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
@@ -33,7 +33,7 @@ class Finding(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceVerification:
+class SurfaceVerification(Value):
     """What the other scans say of one surface.
 
     Attributes
@@ -56,7 +56,7 @@ class SurfaceVerification:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verification:
+class Verification(Value):
     """What other scans say of a completion.
 
     Attributes
@@ -66,6 +66,11 @@ class Verification:
     """
 
     surfaces: tuple[SurfaceVerification, ...]
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Area of what was inferred, by what the other scans say of it."""
+        areas = [(found.name.lower(), self.area_m2(found)) for found in Finding if found is not Finding.NONE]
+        return [("surfaces", str(len(self.surfaces))), *((name, f"{m2:.2f} m\u00b2") for name, m2 in areas)]
 
     def area_m2(self, finding: Finding) -> float:
         """Inferred area of which the others say so, square metres."""

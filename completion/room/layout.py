@@ -23,12 +23,12 @@ from completion.room.plan_squares import PlanSquares
 from completion.room.planes import Beams
 from completion.room.wall_lines import WallLine
 from completion.room.walls import Wall
-from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+class Layout(ArrayValue):
     """The plan of a storey, working frame.
 
     Attributes
@@ -67,9 +67,6 @@ class Layout:
     floor_m: float = -np.inf
     ceiling_m: float = np.inf
     closed: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.uint8))
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def rooms_at(self, points: FloatArray) -> IntArray:
         """Which room (n,) points (n, 3) are in; 0 for none, and beyond what the plan shows."""

@@ -13,7 +13,7 @@ from completion.fitting.result import allow_for_warp
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.room import limits
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, Value
 from scenes.surfaces.catalogue import Plane
 
 _GOLDEN = (5**0.5 - 1) / 2  # steps by it come nowhere near each other (Weyl 1916)
@@ -21,7 +21,7 @@ _N_POINTS = 800  # of a plane that are looked at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoomPlane:
+class RoomPlane(Value):
     """A plane of the room, working frame.
 
     Attributes
@@ -103,7 +103,7 @@ LevelRole = Literal["floor", "ceiling", "base", ""]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beams:
+class Beams(Value):
     """Some beams of all scans.
 
     Attributes

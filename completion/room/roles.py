@@ -19,12 +19,12 @@ from completion.room import limits
 from completion.room.layout import Layout, find_layout
 from completion.room.planes import Beams, Role, RoomPlane, level_roles
 from completion.room.walls import Wall
-from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray
 from scenes.inclination import Up
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
+class Room(ArrayValue):
     """What scans show of the rooms, working frame.
 
     Attributes
@@ -52,9 +52,6 @@ class Room:
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     bases: frozenset[int] = frozenset()
     places: tuple[FloatArray, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def role(self, number: int) -> Role:
         """What a surface is to the room; "" of what is no surface of its own."""

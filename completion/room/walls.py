@@ -11,12 +11,12 @@ from scipy.spatial import cKDTree
 
 from completion.room import limits
 from completion.room.planes import Beams, RoomPlane
-from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray
 from scenes.surfaces.catalogue import Plane
 
 
 @dataclass(frozen=True, eq=False)
-class Wall:
+class Wall(ArrayValue):
     """A wall as a rectangle, working frame.
 
     Attributes
@@ -46,9 +46,6 @@ class Wall:
     high: FloatArray
     crossed: FloatArray
     apart: FloatArray
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @classmethod
     def measured(

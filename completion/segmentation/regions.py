@@ -13,13 +13,13 @@ from completion.observe.observation import Observation, PixelSet
 from completion.observe.packed_surfaces import unpack
 from completion.observe.rays import Rays, plus, ray_at
 from completion.observe.tolerance import FLATNESS_M
-from scenes.checks import FloatArray, check_options
+from scenes.checks import FloatArray, Value, check_options
 from scenes.surfaces.catalogue import Cylinder, Surface
 from texture.engine.compiled import compiled, inlined
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SegmentationOptions:
+class SegmentationOptions(Value):
     """How a range image is cut into regions.
 
     Attributes
@@ -65,7 +65,7 @@ class SegmentationOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Region:
+class Region(Value):
     """A connected part of a scan that lies on one surface."""
 
     fit: SurfaceFit  # its surface, in the working frame

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.texturing.limits import DOUBTFUL
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 GREY = 158  # of a texel of which nothing is known
 _MARGIN = 2  # texels around what is coloured that repeat its colour
@@ -22,7 +22,7 @@ _TRIALS = 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChartTexture:
+class ChartTexture(Value):
     """Colour of a surface's chart.
 
     Attributes
@@ -117,7 +117,7 @@ def spread_colour(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Atlas:
+class Atlas(Value):
     """Pages of textures.
 
     Attributes

@@ -27,7 +27,7 @@ from completion.texturing.material import (
     measure_colour,
     same_material,
 )
-from scenes.checks import BoolArray, FloatArray, InputError, check_options
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_options
 from texture import fill_surface, measure_verbatim_share
 from texture.sampling.arguments import SearchName
 
@@ -36,7 +36,7 @@ _BLOCK = 48  # texels: side of the blocks that samples are taken in
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class TexturingOptions:
+class TexturingOptions(Value):
     """How hypothesised area gets its colour.
 
     Attributes

@@ -10,11 +10,11 @@ from itertools import combinations
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SharedErrors:
+class SharedErrors(Value):
     """Independent errors of deviation one, each of which moves several surfaces.
 
     Attributes
@@ -51,7 +51,7 @@ Contrast = Mapping[int, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RelatedErrors:
+class RelatedErrors(Value):
     """Errors of surfaces that were related to each other.
 
     Attributes
@@ -78,7 +78,7 @@ UNRELATED = RelatedErrors((), (0,), np.zeros((0, 0)), ())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointErrors:
+class JointErrors(Value):
     """Errors of n surfaces, jointly.
 
     Attributes

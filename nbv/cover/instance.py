@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from nbv.run.wording import count
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, frozen_copy
 from texture.engine.compiled import compiled
 
 Indices = NDArray[np.integer[Any]]
@@ -230,7 +230,7 @@ def _sums(matrix: csr_array, multipliers: NDArray[np.int64]) -> NDArray[np.int64
 
 
 @dataclass(frozen=True, slots=True)
-class LowerBound:
+class LowerBound(Value):
     """At least `views` are needed with these candidates and samples; `kind` says by which argument.
 
     Registration constraints are left aside: they only ever ask for more.

@@ -21,11 +21,11 @@ from scipy.sparse.csgraph import connected_components
 
 from nbv.cover.instance import CoverInstance
 from nbv.visibility.samples import SurfaceSamples
-from scenes.checks import BoolArray, FloatArray, check_options
+from scenes.checks import BoolArray, FloatArray, Value, check_options
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OverlapOptions:
+class OverlapOptions(Value):
     """When two views are linked.
 
     Parameters

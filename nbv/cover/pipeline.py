@@ -11,13 +11,13 @@ from nbv.cover.dual import find_certificate, reduce_instance, solve_exactly
 from nbv.cover.instance import Cover, CoverInstance, LowerBound
 from nbv.cover.swap_search import Progress, by_gain, choose_greedily, drop_redundant, polish
 from nbv.cover.within import most_covered
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 
 _DUAL, _EXACT = "dual of the linear relaxation, checked exactly", "branch and bound (HiGHS)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CoverOptions:
+class CoverOptions(Value):
     """Budgets of the offline planner.
 
     Parameters

@@ -29,7 +29,9 @@ from nbv.run.showing import show_report
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import REASONS
-from scenes.checks import BoolArray, FloatArray, freeze_arrays, frozen_copy
+from scenes.card import Card
+from scenes.checks import ArrayValue, BoolArray, FloatArray, Value, frozen_copy
+from scenes.run.libraries import table_of
 
 
 def share_error(samples: SurfaceSamples, where: BoolArray, among: BoolArray | None = None) -> float:
@@ -66,7 +68,7 @@ NEVER = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VisibilityHistory:
+class VisibilityHistory(ArrayValue):
     """What views see of n samples, one after the other.
 
     What is seen of sample k stands from `start[k]` to `start[k + 1]`, (n + 1,): number (m,) of the view, from
@@ -108,7 +110,7 @@ _MOST_LISTED, _LEAST_LISTED = 5, 0.0005  # surfaces on a card; fractions that it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceCoverage:
+class SurfaceCoverage(Value):
     """Coverage of one surface.
 
     Attributes
@@ -142,7 +144,7 @@ class SurfaceCoverage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FaceCoverage:
+class FaceCoverage(ArrayValue):
     """Coverage of every face (m,), as `coverage.ply` shows it.
 
     Attributes
@@ -159,12 +161,9 @@ class FaceCoverage:
     n_views: FloatArray
     state: NDArray[np.int8]
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True)
-class CoverageSummary:
+class CoverageSummary(Value):
     """The `coverage` entry of `plan.json`.
 
     Attributes
@@ -196,7 +195,7 @@ class CoverageSummary:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Coverage:
+class Coverage(Value):
     """What views of a scene have measured.
 
     Attributes
@@ -372,6 +371,10 @@ class Coverage:
             "surfaces": surfaces,
         }
 
+    def to_pandas(self) -> Any:
+        """Return `by_surface` as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of([asdict(row) for row in self.by_surface()])
+
     def show(
         self, scene: Scene, stations: Sequence[View] | Sequence[RangeImage], *, n_threads: int | None = None
     ) -> Path:
@@ -381,7 +384,6 @@ class Coverage:
     def _repr_html_(self) -> str:
         """What a notebook shows: measured, missed and unreachable area."""
         from nbv.coverage.card_parts import area_bar  # only notebooks need cards
-        from scenes.card import Card
 
         total, reasons = self.total_m2, self.reasons()
         figures = [

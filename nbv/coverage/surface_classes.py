@@ -26,7 +26,7 @@ from completion.pipeline import complete
 from completion.result.completion import Completion
 from nbv.visibility.limits import CLOSE_M, SAME_WAY
 from nbv.visibility.samples import SurfaceSamples
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.inclination import Up
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
 from scenes.mesh.triangle_distance import distances
@@ -40,7 +40,7 @@ _MAX_CELLS = 40_000  # of a surface: places a few centimetres apart are told apa
 
 
 @dataclass(frozen=True, eq=False)
-class KnownSurfaces:
+class KnownSurfaces(Value):
     """Surfaces that completion finds in some scans, measured and inferred.
 
     A surface is known where its fit has a standard deviation of no more than `max_sd_m`, metres, and inferred
@@ -184,7 +184,7 @@ CLASSES = ("met", "modelled", "inferred", "unknown")
 
 
 @dataclass(frozen=True, slots=True)
-class ClassShares:
+class ClassShares(Value):
     """Shares of a scene's area by class after some views, and how much of the inferred area is right.
 
     Attributes

@@ -12,14 +12,14 @@ from completion.asbuilt.findings import DesignCheck, ElementFinding, Extra
 from nbv.inspection.obstacles import Obstacles
 from nbv.inspection.targets import PROMISED_BEAMS, PROMISED_M2, Left, Targets
 from nbv.visibility.requirement import SightLimits
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 _MOST_SAMPLES, _MOST_PLACES = 100, 400  # of an element, and from where they are looked at
 _LIFT_M = 1e-3  # off the face
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Move:
+class Move(Value):
     """An extra to move: the elements that it hides from all standing places, and their hidden area."""
 
     extra: Extra

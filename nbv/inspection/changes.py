@@ -11,7 +11,7 @@ import numpy as np
 
 from completion.asbuilt.findings import DesignCheck, Extra, Interval
 from nbv.inspection.record import FORMAT, check_record, element_label
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 from scenes.mesh.design import Element
 
 _UNMEASURED = ("hidden", "not seen")
@@ -21,7 +21,7 @@ _SAME_BOX = 0.3  # of the smaller box, in the larger: one extra
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Change:
+class Change(Value):
     """What is no more as it was.
 
     Attributes

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,7 +22,8 @@ from nbv.inspection.models import write_design_glb, write_deviation_ply, write_i
 from nbv.inspection.next_stations import NextStations
 from nbv.inspection.record import FORMAT, check_record, elements_csv
 from nbv.run.showing import show_report
-from scenes.checks import InputError
+from nbv.run.wording import count
+from scenes.checks import InputError, Value
 from scenes.io.checks.documents import read_json, read_toml
 from scenes.io.checks.guard import guard_reading
 from scenes.io.formats.format import Units
@@ -30,6 +32,7 @@ from scenes.io.scene_files import load_scene, open_scene
 from scenes.mesh.design import ElementMesh, MapConversion
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_json, write_text
+from scenes.run.libraries import table_of
 from scenes.run.steps import Progress
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
@@ -38,7 +41,7 @@ _MOST_BANDS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CheckedDesign:
+class CheckedDesign(Value):
     """A design that was checked against scans.
 
     Attributes
@@ -61,6 +64,16 @@ class CheckedDesign:
     next_stations: NextStations | None = None
     changes: Sequence[Change] | None = None
 
+    def _facts(self) -> list[tuple[str, str]]:
+        """How many elements came to which verdict, by how many scans."""
+        verdicts = Counter(element.verdict for element in self.elements)
+        return [
+            ("elements", f"{len(self.elements)} by {count(len(self.findings.scans), 'scan')}"),
+            *((verdict, str(n)) for verdict, n in sorted(verdicts.items())),
+            ("surface of no element", f"{len(self.extra)} pieces"),
+            ("false alarms expected", f"{self.findings.false_alarms_expected:.2g}"),
+        ]
+
     @property
     def elements(self) -> tuple[ElementFinding, ...]:
         """The verdict on each element, in the design's order."""
@@ -75,6 +88,10 @@ class CheckedDesign:
     def warnings(self) -> tuple[str, ...]:
         """What to know, a sentence each."""
         return self.findings.warnings
+
+    def to_pandas(self) -> Any:
+        """Return the elements of `elements.csv` as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of(elements_csv(self.findings))
 
     def record(self) -> dict[str, Any]:
         """Return what check.json holds."""

@@ -24,7 +24,7 @@ from nbv.visibility.clearance import Clearance
 from nbv.visibility.requirement import Precision, Requirement, SightLimits
 from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import decide_mode
 from scenes.world.scene import Scene
@@ -34,7 +34,7 @@ CHECKED = Requirement(max_incidence_deg=80.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Promise:
+class Promise(Value):
     """What a station should settle: its number, from 1, the elements, and how much of targets it sees.
 
     `hoped` are elements that it settles only if nothing stands in space that no scan saw.
@@ -55,7 +55,7 @@ class Promise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NextStations:
+class NextStations(Value):
     """Where to scan next after a check.
 
     Attributes

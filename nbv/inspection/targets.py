@@ -24,7 +24,7 @@ from nbv.run.wording import count
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import visible_from_positions
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 OPEN = ("undecided", "hidden", "not seen")
 """Verdicts that further scans may change."""
@@ -44,7 +44,7 @@ _MEASURED, _HIDDEN, _NOT_MET = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Left:
+class Left(Value):
     """An element that stays open, and why."""
 
     element: ElementFinding

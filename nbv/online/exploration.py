@@ -15,18 +15,20 @@ from nbv.run.showing import show_report
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
+from scenes.checks import Value
 from scenes.io.poses.trajectory import write_timed_poses
 from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.run.atomic import Stage, make_folder, write_json, write_text
 from scenes.run.csv_table import csv_text
+from scenes.run.libraries import table_of
 from scenes.scan.range_image import RangeImage
 
 CURVE = ("views", "expected_gain_m2", "measured_m2", "met_m2", "unknown_m2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class Step(Value):
     """One view of an exploration.
 
     Attributes
@@ -68,7 +70,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Exploration:
+class Exploration(Value):
     """What an online planner did: its steps, what it knows in the end, and why it stopped.
 
     Attributes
@@ -101,11 +103,15 @@ class Exploration:
         return tuple(step.scan for step in self.steps)
 
     def curve(self) -> list[dict[str, float | None]]:
-        """Return a row for each view, as for a table: `pandas.DataFrame(exploration.curve())`."""
+        """Return a row for each view, as of the table that `to_pandas` makes."""
         return [
             {"views": number, **{name: getattr(step, name) for name in CURVE[1:]}}
             for number, step in enumerate(self.steps, start=1)
         ]
+
+    def to_pandas(self) -> Any:
+        """Return the curve as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of(self.curve())
 
     def save(self, folder: str | os.PathLike[str], *, scans: bool = True) -> None:
         """Write `exploration.json`, `curve.csv`, `trajectory.txt` and, where asked, `scans/NNNN.npz`.
@@ -139,6 +145,19 @@ class Exploration:
     def show(self, *, n_threads: int | None = None) -> Path:
         """Show the report of what its scans measured and where the unknown begins; see `nbv.show`."""
         return show_report(self, n_threads=n_threads)
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Views, what they measured, what stays unknown, and why there are no more."""
+        last = (
+            [
+                ("measured", f"{square_metres(step.measured_m2)} m\u00b2"),
+                ("as required", f"{square_metres(step.met_m2)} m\u00b2"),
+                ("boundary of the unknown", f"{square_metres(step.unknown_m2)} m\u00b2"),
+            ]
+            if (step := self.steps[-1] if self.steps else None)
+            else []
+        )
+        return [("views", str(len(self.steps))), *last, ("stopped because", self.stopped_because)]
 
     def __repr__(self) -> str:
         met = f", {square_metres(self.steps[-1].met_m2)} m2 measured as required" if self.steps else ""

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from nbv.online.limits import FEWEST_VOTES, MOST_VIEW_PIXELS, NEAR_VOXELS, SURE_SD
 from nbv.online.voxels import ImageNormals, Surfels, VoxelGrid, image_normals
 from nbv.scanning.sensor import Sensor
-from scenes.checks import BoolArray, FloatArray, frozen_copy
+from scenes.checks import BoolArray, FloatArray, Value, frozen_copy
 from scenes.scan.range_image import RangeImage
 
 UNSEEN, SEEN, EMPTY, OCCLUDED, OCCPLANE = range(5)
@@ -29,7 +29,7 @@ _AT_A_TIME = 32  # positions, to bound memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoundaryFaces:
+class BoundaryFaces(Value):
     """Voxel faces between empty space and anything else.
 
     `voxel` (n,) is not empty; `centres` (n, 3) are of the faces in metres, and `outward` (n, 3) the unit
@@ -52,7 +52,7 @@ class BoundaryFaces:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NearSurface:
+class NearSurface(Value):
     """Distances of voxel centres from the surface, along the beams that met it near them, over all scans.
 
     `sums` (n_voxels,) are of the distances, metres, positive before the surface, `counts` (n_voxels,) the
@@ -77,7 +77,7 @@ class NearSurface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthView:
+class DepthView(Value):
     """A scan, and the normals (rows, columns, 3) of what its pixels see, NaN where unknown.
 
     They are means over what lies in the same voxel and leans to the same side: noise does not turn them.
@@ -100,7 +100,7 @@ class DepthView:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VoxelMap:
+class VoxelMap(Value):
     """What is known of a volume.
 
     Attributes

@@ -37,7 +37,7 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import Candidates, at_chosen_heights
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
@@ -46,7 +46,7 @@ _NOTHING_IN_SIGHT = "no candidate in known free space sees what is left to see"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlannerOptions:
+class PlannerOptions(Value):
     """How the online planner explores.
 
     Parameters
@@ -143,7 +143,7 @@ class Decision:
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
-class Explorer:
+class Explorer(Value):
     """An exploration, one view at a time: `for step in explorer`; its fields are explained at `explore`.
 
     What has been explored so far is `explorer.exploration`, also after a loop that was left early.

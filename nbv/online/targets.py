@@ -12,11 +12,11 @@ from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.possible_solid import PossibleSurface
 from nbv.visibility.zones import Zones
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GainOptions:
+class GainOptions(Value):
     """Weights of the gain.
 
     Parameters

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.online.limits import FINE_ENOUGH_M, FLATTEST, STEADY_SD
-from scenes.checks import FloatArray, InputError, frozen_copy, read_only_view
+from scenes.checks import FloatArray, InputError, Value, frozen_copy, read_only_view
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled, inlined
@@ -24,7 +24,7 @@ _SAME = 7.5  # standard deviations of the range by which the steps to both sides
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageNormals:
+class ImageNormals(Value):
     """Local surface of each pixel (rows, columns), NaN where unknown.
 
     `normals` (rows, columns, 3) are world-frame units towards the sensor, `areas` the surface in square
@@ -167,7 +167,7 @@ _MOST_VOXELS = 5e7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VoxelGrid:
+class VoxelGrid(Value):
     """Cubes of side `voxel_m` (metres) from `origin` (3,) along the world's axes, `shape` of them.
 
     Voxels are numbered in C order. Indices of points outside are -1.
@@ -293,7 +293,7 @@ UPWARD = 2  # the side of normals that lean to +z
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfels:
+class Surfels(Value):
     """Patches of seen surface: up to six a voxel, one for each axis direction that normals may lean to.
 
     A voxel in the corner of a room thus keeps its floor and its two walls apart.

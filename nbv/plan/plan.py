@@ -28,13 +28,15 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Zones, zones_from_json
-from scenes.checks import InputError, check_number
+from scenes.card import Card, CardPicture, CardShare
+from scenes.checks import InputError, Value, check_number
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import one_line
 from scenes.io.poses.trajectory import write_timed_poses
 from scenes.pose import Pose
 from scenes.run.atomic import Stage, make_folder, write_json, write_text
 from scenes.run.csv_table import csv_text
+from scenes.run.libraries import table_of
 
 CSV_NAME, TRAJECTORY_NAME = "plan.csv", "trajectory.txt"
 _STEEP = 1e-6  # length of a level part below which a direction has no heading
@@ -126,7 +128,7 @@ _CURE = "give the plan.json that `unseen plan` wrote"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Resumption:
+class Resumption(Value):
     """What a plan was resumed from: where the scans that were given have been taken.
 
     `met_fraction` is the share of the scene's area that they meet the requirement on; None without a scene.
@@ -145,7 +147,7 @@ class Resumption:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Plan:
+class Plan(Value):
     """A plan.
 
     Attributes
@@ -282,6 +284,10 @@ class Plan:
                 write_json(stage.path("stations.json"), self.stations.to_json())
             stage.commit(last="plan.json")
 
+    def to_pandas(self) -> Any:
+        """Return the stations of `stations.csv` as a `pandas.DataFrame`; raises InputError without pandas."""
+        return table_of(stations_csv(self.views, self.visiting_order))
+
     def __repr__(self) -> str:
         met = "" if self.coverage is None else f", {percent(self.coverage.met)} % met"
         bound = "" if self.lower_bound is None else f", at least {self.lower_bound.views}"
@@ -295,7 +301,6 @@ class Plan:
     def _repr_html_(self) -> str:
         """What a notebook shows: views, coverage and its curve."""
         from nbv.coverage.card_parts import area_bar, coverage_curve  # only notebooks need cards
-        from scenes.card import Card, CardPicture, CardShare
 
         figures = [
             ("views", f"{len(self.views)} of {self.n_candidates} candidates"),

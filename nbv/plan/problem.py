@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from shutil import rmtree
@@ -41,7 +41,7 @@ from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress, Reachability, stack_rows, visible_from_positions
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
@@ -139,7 +139,7 @@ def _samples(samples: SharedArrays, tolerance_m: float) -> SurfaceSamples:
 
 
 @dataclass(frozen=True, slots=True)
-class RemoteVisibility:
+class RemoteVisibility(Value):
     """Workers that cast, and the folder that all of them see under the same path."""
 
     workers: Workers
@@ -200,7 +200,7 @@ def remote_visibility(
 
 def _key(block: Block) -> str:
     """Return what tells equal blocks: the hashes of what they look at, the limits, and the positions."""
-    text = repr((block.mesh, block.samples, block.tolerance_m, block.limits))
+    text = repr((block.mesh, block.samples, block.tolerance_m, astuple(block.limits)))
     return hashlib.sha256(text.encode() + block.positions.tobytes()).hexdigest()
 
 

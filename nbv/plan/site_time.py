@@ -19,7 +19,7 @@ from nbv.run.plan_options import PaceOptions
 from nbv.run.wording import count, duration
 from nbv.scanning.sensor import Sensor, SphericalSensor, View
 from nbv.visibility.limits import SAME_M
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.run.option import check_limits
 
 COARSER = (8, 4, 2)
@@ -71,7 +71,7 @@ USUAL_PACE = SitePace()
 
 
 @dataclass(frozen=True, slots=True)
-class SiteTime:
+class SiteTime(Value):
     """Seconds on site.
 
     Attributes

@@ -28,7 +28,7 @@ from nbv.visibility.floors import FloorColumns, cut_columns
 from nbv.visibility.limits import HEADROOM_M, STEP_M, WALKABLE
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.zones import Box
-from scenes.checks import FloatArray, InputError, check_points
+from scenes.checks import FloatArray, InputError, Value, check_points
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 
@@ -136,7 +136,7 @@ _MOST_OBSTACLES = 1e6  # of them; in scenes of more than 1,400 m2 they are furth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Leg:
+class Leg(Value):
     """A way (k, 3) from one station to the next and its length, metres; no points and inf where none is."""
 
     path: FloatArray
@@ -288,7 +288,7 @@ def _room_around(
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Tour:
+class Tour(Value):
     """Stations by their numbers in their order, and the legs between them.
 
     It `is_given` where the stations were to be visited as they come, as scans are that decide the next one.
@@ -390,7 +390,7 @@ def plan_tour(
 
 
 @dataclass(frozen=True, slots=True)
-class Overlap:
+class Overlap(Value):
     """Two views, counted from 0, whose scans can be registered with one another.
 
     `share` is of the smaller one's surface what both measure, `stiffness` the least eigenvalue of the
@@ -409,7 +409,7 @@ class Overlap:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stations:
+class Stations(Value):
     """A tour with collision-free legs, and all pairs of a plan's stations that are linked.
 
     `n_groups` are the groups of views that links join; 1 when all scans can be registered. Both are None

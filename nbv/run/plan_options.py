@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from scenes.card import Value
 from scenes.run.option import NOT_NEGATIVE, POSITIVE, NumberRange, minutes, option
 
 LiteratureMethod = Literal[
@@ -37,7 +38,7 @@ Method = Literal[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RequirementOptions:
+class RequirementOptions(Value):
     """The numbers of a requirement; `nbv.visibility.requirement.Requirement` explains them."""
 
     max_incidence_deg: float = option(
@@ -81,7 +82,7 @@ class RequirementOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SearchOptions:
+class SearchOptions(Value):
     """The planner, and when a plan ends: see `nbv.plan.planning.plan_views`."""
 
     method: Literal["nbv", "cover", LiteratureMethod] = option(
@@ -126,7 +127,7 @@ class SearchOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PaceOptions:
+class PaceOptions(Value):
     """The numbers of time on site; `nbv.plan.site_time.SitePace` explains them."""
 
     budget_min: float | None = option(

@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, check_options, read_only_view
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_options, read_only_view
 from texture.engine.compiled import compiled
 
 Returns = Literal["first", "strongest", "last", "mean", "all"]
@@ -26,7 +26,7 @@ _COUNTS = tuple(4 * k**2 for k in range(1, 8))  # rays in k rings of equal width
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Footprint:
+class Footprint(Value):
     """Width of the beam, and which return is reported.
 
     Parameters
@@ -155,7 +155,7 @@ _STEPS = 8192  # of sRGB values, between which straight lines are right to 4e-8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Intensity:
+class Intensity(Value):
     """Lambert's law and the inverse square of the range: rho cos(theta) (reference / r)^2.
 
     The value is 1 for a white surface that faces the beam at the reference range.
@@ -240,7 +240,7 @@ def _luminances(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dropout:
+class Dropout(Value):
     """Which echoes are lost.
 
     A glossy surface sends a beam that meets it at incidence theta into the direction 2 theta off the way

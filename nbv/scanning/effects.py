@@ -27,7 +27,7 @@ from nbv.scanning.noise_models import (
     TableNoise,
     TerrestrialNoise,
 )
-from scenes.checks import FloatArray, InputError, check_options
+from scenes.checks import FloatArray, InputError, Value, check_options
 from scenes.run.memory import in_blocks
 from scenes.scan.projection import Projection
 
@@ -35,7 +35,7 @@ _STEEPEST = np.radians(89.0)  # incidence is clipped here: the formula has a pol
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PointingNoise:
+class PointingNoise(Value):
     """Standard deviation sideways, the same in both directions.
 
     The three terms add up: sd_deg + pixel (sd_px + slope_px theta / (pi/2 - theta)), theta the incidence.
@@ -133,7 +133,7 @@ def _turn_about(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Quantisation:
+class Quantisation(Value):
     """Steps of the range, or of the inverse depth of a triangulating camera.
 
     Parameters
@@ -227,7 +227,7 @@ NOISE_MODELS: dict[str, type[Any]] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Effects:
+class Effects(Value):
     """The stages of a measurement after its geometry, in their order; None is off.
 
     Attributes

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from scenes.checks import FloatArray, InputError, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, frozen_copy
 from scenes.io.poses.trajectory import read_timed_poses
 from scenes.io.track import read_trajectory
 from scenes.pose import Pose
@@ -24,7 +24,7 @@ _STILL_M = 1e-6  # a shorter step has no direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class Track(Value):
     """Where a sensor is, and how it is turned, at n times.
 
     Parameters
@@ -118,7 +118,7 @@ def read_track(path: Path) -> Track:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrackErrors:
+class TrackErrors(Value):
     """What is wrong with the track that a moving sensor reports.
 
     Parameters

@@ -19,7 +19,7 @@ from nbv.scanning.motion import Track, TrackErrors
 from nbv.scanning.scanner import scan_world, with_returns
 from nbv.scanning.sensor import Sensor, SphericalSensor, chosen_effects
 from nbv.scanning.world import ColumnPoses, World
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.io.formats.returns import cloud_of
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
@@ -34,7 +34,7 @@ _STEP_S = 0.1  # between the poses of tracks that are reported, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MovingScan:
+class MovingScan(Value):
     """A scan along a track: what it scans with, its true and its reported track, and how often it turns.
 
     `rate_hz` are turns, or images, a second.

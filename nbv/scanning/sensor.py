@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 import numpy as np
 
 from nbv.scanning.effects import NO_EFFECTS, PROFILE, Effects, named_effects
-from scenes.checks import BoolArray, FloatArray, InputError, check_number
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_number
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 
@@ -67,7 +67,7 @@ class Sensor(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Partner:
+class Partner(Value):
     """The second device of a triangulation, which must see a point too; its axes are parallel.
 
     Attributes
@@ -90,7 +90,7 @@ class Partner:
         return inside
 
 
-class Profiled:
+class Profiled(Value):
     """What all sensors have: they are dataclasses that can be written as a table."""
 
     __slots__ = ()
@@ -384,7 +384,7 @@ def check_gate(name: str, nearest: float, farthest: float, points_per_s: float |
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class View:
+class View(Value):
     """One station.
 
     Parameters

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from importlib import resources
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from scenes.io.checks.guard import check_size, guard_reading
 _KINDS: dict[str, type[Any]] = {
     kind.kind: kind for kind in (PinholeSensor, SphericalSensor, LineSensor, TriangulationSensor)
 }
+_OFFERED = "unseen.sensors"  # entry points of other packages: a name, and the path of its TOML file
 _STAGES: dict[str, type[Any]] = {
     "footprint": Footprint,
     "intensity": Intensity,
@@ -60,9 +62,10 @@ class SensorProfile:
 
 
 def sensor_names() -> tuple[str, ...]:
-    """Return the names of the shipped profiles."""
+    """Return the names of the shipped profiles, and of those that other packages offer."""
     files = resources.files("nbv.scanning").joinpath("sensors").iterdir()
-    return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
+    shipped = {file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")}
+    return tuple(sorted(shipped | entry_points(group=_OFFERED).names))
 
 
 def load_sensor(name_or_path: str | Path) -> Sensor:
@@ -170,8 +173,11 @@ def _fits(value: Any, wanted: str) -> bool:
 
 
 def _shipped(name: str) -> dict[str, Any]:
-    """Return the table of a built-in profile."""
-    return parse_toml((resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_text("utf-8"))
+    """Return the table of a built-in profile, or of the file that another package names."""
+    file = resources.files("nbv.scanning") / "sensors" / f"{name}.toml"
+    if file.is_file():
+        return parse_toml(file.read_text("utf-8"))
+    return read_toml(Path(entry_points(group=_OFFERED)[name].load()))
 
 
 def _profile_of(table: dict[str, Any], name: str) -> SensorProfile:

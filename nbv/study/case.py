@@ -22,7 +22,7 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
 from nbv.visibility.candidates import Standing, find_standing, restrict_to_rooms, samples_that_count
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from scenes.checks import InputError
+from scenes.checks import InputError, Value
 from scenes.io.scene_files import open_scene
 from scenes.run.atomic import json_text
 from scenes.world.scene import Scene
@@ -32,7 +32,7 @@ _LONGEST = 24  # characters of each part of a name
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class Case(Value):
     """One plan of a study, made of its entries.
 
     `key` is the SHA-256 of all that its result depends on: the scene's bytes, sensor, requirement, planner,

@@ -22,7 +22,7 @@ from nbv.study.archive import RecordArchive, do_missing
 from nbv.study.case import Case, cases_of, run_case
 from nbv.study.spec import StudySpec
 from nbv.visibility.visibility import Progress
-from scenes.checks import FloatArray, InputError
+from scenes.checks import ArrayValue, FloatArray, InputError, Value
 from scenes.run.atomic import write_bytes, write_text
 from scenes.run.csv_table import csv_text
 
@@ -40,7 +40,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class Outcome(ArrayValue):
     """Result of one case.
 
     Attributes
@@ -164,7 +164,7 @@ def outcome_of(case: Case, record: Mapping[str, Any], times: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OutcomeGroup:
+class OutcomeGroup(Value):
     """Outcomes of one scene, sensor, requirement and planner.
 
     Attributes

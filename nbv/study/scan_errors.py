@@ -22,7 +22,7 @@ from scipy import ndimage
 from nbv.scanning.beam import reflectivity_of_colour
 from nbv.scanning.effects import Effects
 from nbv.scanning.sensor import Sensor
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, Value
 from scenes.pose import Pose
 from scenes.scan.colour import unit_colour
 from scenes.scan.range_image import RangeImage, ScanTruth
@@ -48,7 +48,7 @@ _N_BINS = _DECADES * _FINE + 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ErrorTally:
+class ErrorTally(Value):
     """Sums over the pixels of k classes, that of several scans being the sum of theirs.
 
     Attributes

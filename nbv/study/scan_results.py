@@ -17,7 +17,7 @@ from nbv.study.scan_errors import ErrorTally, class_labels, merged
 from nbv.study.scans import ScanCase, SetRecords, unpacked
 from nbv.study.spec import RequirementEntry, ScanStudySpec
 from nbv.visibility.requirement import Precision
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 
 _LABELS: dict[str, type] = {"set": str, "scene": str, "sensor": str, "poses": str, "seed": int}
 _ERRORS: dict[str, type] = {
@@ -44,7 +44,7 @@ _LEVEL, _UPRIGHT = np.cos(np.radians(20.0)), np.sin(np.radians(20.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SetResult:
+class SetResult(Value):
     """One set judged by one requirement.
 
     Attributes

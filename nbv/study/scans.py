@@ -33,7 +33,7 @@ from nbv.study.case import CaseSetting, identity_of, load_setting, slug
 from nbv.study.scan_errors import tally_errors
 from nbv.study.spec import PosesEntry, Sampling, ScanStudySpec, SceneEntry, SensorEntry
 from nbv.visibility.visibility import Progress
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 from scenes.io.poses.trajectory import read_poses
 from scenes.io.scan_files import write_scan
 from scenes.mesh.labelled_mesh import triangle_areas
@@ -46,7 +46,7 @@ _RIGHT_M = 0.02  # from the true surface, as of plans with completion
 
 
 @dataclass(frozen=True, slots=True)
-class ScanCase:
+class ScanCase(Value):
     """One scan of a study; `key` is the SHA-256 of all that its record depends on.
 
     `true_pose` is where the sensor stood, `pose` where it is said to have stood, rows of 4x4 matrices; `file`
@@ -66,7 +66,7 @@ class ScanCase:
 
 
 @dataclass(frozen=True, slots=True)
-class ScanSet:
+class ScanSet(Value):
     """All scans of one scene by one sensor from one entry of poses with one seed, and what they are for."""
 
     name: str
@@ -88,7 +88,7 @@ class ScanSet:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SetRecords:
+class SetRecords(Value):
     """A set, the records of its scans, and that of all together where completion or registration is asked."""
 
     scans: ScanSet

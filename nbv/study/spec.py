@@ -21,6 +21,7 @@ from pydantic import (
 
 from nbv.run.plan_options import Method, RequirementOptions, SearchOptions
 from nbv.visibility.requirement import Requirement
+from scenes.card import brief, text_of_facts
 from scenes.checks import InputError
 from scenes.io.checks.documents import read_toml, within_folder
 from scenes.io.checks.guard import guard_reading, one_line
@@ -37,6 +38,10 @@ class Entry(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
     name: str = Field(default="", max_length=80)
+
+    def __repr__(self) -> str:
+        given = [(key, brief(value)) for key, value in self if key in self.model_fields_set]
+        return text_of_facts(type(self).__name__, given)
 
     @property
     def label(self) -> str:

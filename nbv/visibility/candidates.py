@@ -18,7 +18,7 @@ from nbv.visibility.site import Site, find_site
 from nbv.visibility.site_options import TRIPOD_HEIGHTS_M, SiteOptions
 from nbv.visibility.viewpoints import Candidates, room_lattice, viewing_sphere
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.rays.raycast import RayCaster
 from scenes.world.scene import Scene
 
@@ -150,7 +150,7 @@ def _air_at(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Standing:
+class Standing(Value):
     """Where a sensor may stand in a scene.
 
     Attributes

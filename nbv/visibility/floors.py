@@ -32,7 +32,7 @@ from nbv.visibility.limits import (
     UNEVEN_M,
     WALKABLE,
 )
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from texture.engine.compiled import compiled
@@ -45,7 +45,7 @@ _MOST_SURFACES = 400  # that one line meets; what lies lower is left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FloorColumns:
+class FloorColumns(Value):
     """Free spans of vertical lines over a lattice of cells, sorted by cell and then from above.
 
     Attributes
@@ -192,7 +192,7 @@ def _beside(
 
 
 @dataclass(frozen=True, slots=True)
-class Platform:
+class Platform(Value):
     """Level surface that is no place to stand: no steps lead to it, and it drops along much of its edge.
 
     Attributes
@@ -214,7 +214,7 @@ class Platform:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Floors:
+class Floors(Value):
     """What of the spans of `columns` is floor.
 
     Attributes

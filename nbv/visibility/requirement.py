@@ -13,14 +13,14 @@ from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise, range_sigma_m
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.limits import GRAZING_COSINE
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, Value
 from scenes.scan.range_image import RangeImage
 
 _GREY = 0.2  # reflectivity for which data sheets state noise, where nothing is known
 
 
 @dataclass(frozen=True, slots=True)
-class Precision:
+class Precision(Value):
     """Density and precision of the points that an instrument measures on a surface.
 
     Pixels, `pixel_angle` radians apart, and depth noise are taken at the middle of the image: off the axis
@@ -94,8 +94,8 @@ ROUNDING = 1e-12  # of cosines, densities and deviations that are compared with 
 
 
 @dataclass(frozen=True, slots=True)
-class SightLimits:
-    """Limits within which a line of sight counts: |cosine| of incidence, range gate in metres.
+class SightLimits(Value):
+    """Limits within which a line of sight counts: cosine of incidence, without sign, range gate in metres.
 
     Fewest points on a square metre and largest standard deviation in metres need `precision`: what the
     instrument makes of a surface.

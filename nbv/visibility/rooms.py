@@ -17,12 +17,12 @@ from skimage.segmentation import watershed
 from nbv.run.wording import count
 from nbv.visibility import limits
 from nbv.visibility.floors import FloorColumns, Floors
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.rays.raycast import RayCaster
 
 
 @dataclass(frozen=True, slots=True)
-class SiteRoom:
+class SiteRoom(Value):
     """A room.
 
     Attributes
@@ -78,7 +78,7 @@ class SiteRoom:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rooms:
+class Rooms(Value):
     """The rooms of a scene, and which span of its columns is of which.
 
     Attributes

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, frozen_copy
 from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import LabelledMesh
 from texture.engine.compiled import compiled
@@ -219,7 +219,7 @@ WISHED_SAMPLES = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SurfaceSamples:
+class SurfaceSamples(Value):
     """Samples of a surface.
 
     Attributes

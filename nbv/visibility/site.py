@@ -21,7 +21,7 @@ from nbv.visibility.floors import Platform, cut_columns, find_floors
 from nbv.visibility.rooms import Rooms, SiteRoom, find_rooms
 from nbv.visibility.site_options import CLEARANCE_M, SiteOptions
 from nbv.visibility.viewpoints import Candidates, line_positions, sensor_directions
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import ArrayValue, BoolArray, FloatArray, InputError
 from scenes.run.memory import require
 from scenes.world.scene import Scene
 
@@ -211,7 +211,7 @@ def _over(
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Site:
+class Site(ArrayValue):
     """Where one may stand in a scene.
 
     Attributes

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from scenes.card import Value
 from scenes.run.option import NumberRange, numbers, option
 
 CLEARANCE_M = 0.3
@@ -43,7 +44,7 @@ def parse_heights(text: str) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SiteOptions:
+class SiteOptions(Value):
     """Which rooms to stand in, and where in them.
 
     Attributes

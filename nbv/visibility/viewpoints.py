@@ -14,7 +14,7 @@ from nbv.scanning.sensor import Sensor
 from nbv.visibility.limits import MOST_POSITIONS, SAME_M, SPACING_M
 from nbv.visibility.site_options import TRIPOD_HEIGHTS_M
 from nbv.visibility.zones import Zones
-from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_places, frozen_copy
 from scenes.io.checks.guard import guard_reading
 from scenes.io.clouds.npz import open_arrays
 from scenes.pose import Pose, rotations_towards
@@ -23,7 +23,7 @@ _OPTIONAL = ("half_angle_deg", "patch_points", "patch_normals")  # entries of a 
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Candidates:
+class Candidates(Value):
     """Where a sensor may stand and look.
 
     Parameters

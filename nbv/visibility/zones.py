@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, Value, frozen_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Box:
+class Box(Value):
     """A box along the world's axes.
 
     Parameters
@@ -66,7 +66,7 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Zones:
+class Zones(Value):
     """Where to measure, and where not to stand.
 
     Parameters

@@ -6,17 +6,19 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from scenes.checks import (
+    ArrayValue,
     BoolArray,
     ColourArray,
     FloatArray,
     InputError,
     IntArray,
+    Value,
     check_point,
-    freeze_arrays,
     frozen_copy,
     usable_rows,
 )
@@ -38,13 +40,15 @@ from scenes.io.scan_files import open_scans, split_index
 from scenes.io.scene_files import load_scene, rounding_doubts, single_steps
 from scenes.limits import LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.run.libraries import import_extra, open3d_cloud
+from scenes.scan.colour import unit_colour
 
 _NO_HEIGHTS = (-9999.0, -99999.0, -999999.0, -32767.0, -32768.0)  # rasters' numbers for no data
 _MOST_LABEL = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PointCloud:
+class PointCloud(Value):
     """Points of a file.
 
     Attributes
@@ -98,6 +102,21 @@ class PointCloud:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen_copy(getattr(self, name), np.int64))
         object.__setattr__(self, "n_rows", max(self.n_rows, len(self.points)))
+
+    def to_open3d(self) -> Any:
+        """Return it as an `open3d.geometry.PointCloud`; raises InputError without Open3D."""
+        colour = None if self.colour is None else unit_colour(self.colour)
+        return open3d_cloud(self.points, colour, self.normals)
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` of x, y, z and what else the file has; raises InputError without it."""
+        columns: dict[str, Any] = dict(zip("xyz", self.points.T, strict=True))
+        if self.colour is not None:
+            columns |= dict(zip(("red", "green", "blue"), self.colour.T, strict=True))
+        more = {"label": self.label, "time_s": self.times}
+        return import_extra("pandas", "pandas").DataFrame(
+            columns | {name: held for name, held in more.items() if held is not None}
+        )
 
     def rays(self, origin: object | None = None) -> FloatArray:
         """The rays (n, 3), metres, from where the scanner stood to the points; `origin` (3,) if it is said.
@@ -218,7 +237,7 @@ def _labels(label: FloatArray, name: str) -> IntArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartFile:
+class PartFile(ArrayValue):
     """What a file holds of a part.
 
     Attributes
@@ -247,9 +266,6 @@ class PartFile:
     rows: IntArray | None = None
     warnings: tuple[str, ...] = ()
     step_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
+from scenes.checks import ArrayValue, BoolArray, FloatArray, InputError
 from scenes.io.checks.documents import read_text
 from scenes.io.checks.guard import check_file, guard_reading
 from scenes.io.clouds.text import read_point_table
@@ -24,7 +24,7 @@ _WEEK_S, _ADJUSTED_S = 604_800.0, 1e9  # seconds of GPS; LAS subtracts these fro
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
+class Trajectory(ArrayValue):
     """Where a moving scanner was, and when.
 
     Attributes
@@ -43,9 +43,6 @@ class Trajectory:
     places: FloatArray
     name: str = "trajectory"
     warnings: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the places (n, 3) at times (n,) on its clock, interpolated in straight lines."""

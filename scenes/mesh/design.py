@@ -8,12 +8,12 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 
 @dataclass(frozen=True, slots=True)
-class Element:
+class Element(Value):
     """What a file tells of one element of a design; "" for what it does not tell.
 
     Attributes
@@ -42,7 +42,7 @@ class Element:
 
 
 @dataclass(frozen=True, slots=True)
-class MapConversion:
+class MapConversion(Value):
     """What leads from the frame of a design to a map (IfcMapConversion, ISO 16739-1).
 
     Attributes
@@ -99,7 +99,7 @@ class MapConversion:
 
 
 @dataclass(frozen=True, slots=True)
-class Design:
+class Design(Value):
     """What a file tells beside its geometry.
 
     Attributes
@@ -121,7 +121,7 @@ class Design:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ElementMesh:
+class ElementMesh(Value):
     """A mesh whose surfaces are elements of a design.
 
     Attributes

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +15,24 @@ from scenes.checks import (
     FloatArray,
     InputError,
     IntArray,
+    Value,
     check_faces,
     check_places,
     frozen_copy,
+    given_faces,
+    given_points,
     read_only_view,
 )
 from scenes.pose import Pose
+from scenes.run.libraries import import_extra
 from scenes.run.memory import in_blocks
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Appearance:
+class Appearance(Value):
     """Colour of every face: corner colours times, where a face has one, a texture image.
 
     Parameters
@@ -129,7 +137,7 @@ def spread_points(corners: FloatArray, n: int) -> tuple[FloatArray, IntArray]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LabelledMesh:
+class LabelledMesh(Value):
     """A triangle mesh whose faces know their surface.
 
     Parameters
@@ -170,6 +178,44 @@ class LabelledMesh:
         object.__setattr__(self, "vertices", frozen_copy(vertices))
         object.__setattr__(self, "faces", frozen_copy(faces))
         object.__setattr__(self, "face_surface", frozen_copy(labels))
+
+    @classmethod
+    def of(cls, shape: object) -> LabelledMesh:
+        """Return (vertices, faces), or a mesh of trimesh, Open3D or pyvista, as one without labels.
+
+        Raises
+        ------
+        InputError
+            Something else, faces that are no triangles, and as above.
+        """
+        if isinstance(shape, LabelledMesh):
+            return shape
+        vertices, faces = (
+            shape if isinstance(shape, tuple) and len(shape) == 2 else (shape, given_faces(shape))
+        )
+        if faces is None:
+            raise InputError(
+                "a mesh must be of trimesh, Open3D or pyvista, a LabelledMesh or (vertices, faces), "
+                f"got {type(shape).__name__}; read files with load_scene"
+            )
+        return cls(given_points(vertices), faces)
+
+    def to_trimesh(self) -> Trimesh:
+        """Return it as a `trimesh.Trimesh` with colours of faces and `face_attributes["surface"]`."""
+        import trimesh  # slow to load
+
+        look = None if self.appearance is None else self.appearance.corner_colour.mean(axis=1)
+        colours = None if look is None else np.rint(255 * look).astype(np.uint8)
+        labels = {"surface": self.face_surface}
+        return trimesh.Trimesh(
+            self.vertices, self.faces, face_colors=colours, face_attributes=labels, process=False
+        )
+
+    def to_open3d(self) -> Any:
+        """Return its geometry as an `open3d.geometry.TriangleMesh`; raises InputError without Open3D."""
+        open3d = import_extra("open3d", "open3d")
+        vertices = open3d.utility.Vector3dVector(np.array(self.vertices))  # it takes no read-only arrays
+        return open3d.geometry.TriangleMesh(vertices, open3d.utility.Vector3iVector(np.array(self.faces)))
 
     @property
     def corners(self) -> FloatArray:
@@ -215,6 +261,12 @@ class LabelledMesh:
         return self.at(pose.apply(self.vertices))
 
     transformed = transform  # earlier name
+
+
+def mesh_or_points(shape: object) -> object:
+    """Return a mesh of trimesh, Open3D or pyvista as a LabelledMesh, and anything else as it is."""
+    is_done = isinstance(shape, LabelledMesh) or given_faces(shape) is None
+    return shape if is_done else LabelledMesh.of(shape)
 
 
 def join_meshes(meshes: Sequence[LabelledMesh]) -> LabelledMesh:

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import (
+    ArrayValue,
     BoolArray,
     FloatArray,
     InputError,
     check_faces,
     check_points,
     check_vectors,
-    freeze_arrays,
 )
 from scenes.rays.local_mesh import LocalMesh, local_mesh
 from scenes.run.memory import in_blocks
@@ -36,7 +36,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits:
+class Hits(ArrayValue):
     """First hits of n rays, or of the pixels of an image, whose shape then stands for (n,).
 
     Attributes
@@ -58,9 +58,6 @@ class Hits:
     barycentric: FloatArray
     incidence_cosine: FloatArray
     n_not_finite: int
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def hit(self) -> BoolArray:

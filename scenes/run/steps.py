@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
+from scenes.checks import Value
 from scenes.run.journal import Journal
 from scenes.run.mapping import IN_MEMORY, NoSpill, Spill, spill_of, trim
 from scenes.run.memory import require, threads
@@ -22,7 +23,7 @@ _Out = TypeVar("_Out")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Steps:
+class Steps(Value):
     """Runs the stages on threads; tells their progress, and the journal what they came to.
 
     What the steps of many or large scans come to is kept on disk, and so are their pixels: after each step

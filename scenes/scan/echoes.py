@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.checks import FloatArray, InputError, IntArray, Value, frozen_copy
 
 ECHO_CHANNELS = {"pixel": np.int64, "ranges": np.float64, "intensity": np.float32, "n_rays": np.uint8}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Echoes:
+class Echoes(Value):
     """Further returns of a scan, (m,) each, pixel after pixel and near to far within a pixel.
 
     Parameters

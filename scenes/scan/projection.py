@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, frozen_copy
 
 if TYPE_CHECKING:
     from scenes.scan.ray_grid import RayGrid
@@ -53,7 +53,7 @@ def _mark_outside(pixels: FloatArray, shape: tuple[int, int]) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class PinholeProjection:
+class PinholeProjection(Value):
     """A pinhole camera: column = fx x / z + cx, row = fy y / z + cy; a negative fy is used as given.
 
     Parameters
@@ -144,7 +144,7 @@ class PinholeProjection:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SphericalProjection:
+class SphericalProjection(Value):
     """A panoramic scanner: an azimuth for each column, an elevation for each row, radians.
 
     Azimuth is atan2(x, z), growing to the right; elevation is asin(-y), growing upwards. Both sequences

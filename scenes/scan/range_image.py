@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, check_options
+from scenes.card import Card
+from scenes.checks import BoolArray, FloatArray, InputError, Value, check_options
 from scenes.limits import CODE_CLOSE, CODE_GAP, CODE_SAME, CODE_SPREAD, CODE_STRAYS, LEAST_TIMES, MOST_CODES
 from scenes.pose import Pose
+from scenes.run.libraries import open3d_cloud
 from scenes.run.mapping import release
-from scenes.scan.colour import colour_type
+from scenes.scan.colour import colour_type, unit_colour
 from scenes.scan.echoes import Echoes
 from scenes.scan.pixels import (
     check_same,
@@ -46,7 +48,7 @@ POINTS_SENSOR = "points projected to a spherical image"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanTruth:
+class ScanTruth(Value):
     """What a simulated scan really met, pixel by pixel.
 
     Attributes
@@ -87,7 +89,7 @@ class ScanTruth:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RangeImage:
+class RangeImage(Value):
     """One organised scan.
 
     Parameters
@@ -353,20 +355,25 @@ class RangeImage:
 
     thinned = thin  # earlier name
 
+    def to_open3d(self) -> Any:
+        """Return its points as an `open3d.geometry.PointCloud`; raises InputError without Open3D."""
+        colour = None if self.colour is None else unit_colour(self.colour[self.valid])
+        return open3d_cloud(self.points()[self.valid], colour)
+
     def release(self) -> None:
         """Let the system take back what memory holds of a large scan's pixels; they stay as they are."""
         truth = [] if self.truth is None else [getattr(self.truth, name) for name in TRUTH_CHANNELS]
         release(self.ranges, self.colour, self.sensor_points, self.intensity, *truth)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows: figures and a small picture."""
-        from scenes.card import Card  # only notebooks need it and the pictures
-        from scenes.scan.thumbnail import field_of_view, thumbnails
+    def _facts(self) -> list[tuple[str, str]]:
+        """What it is called, how it lies, and what came back."""
+        from scenes.scan.thumbnail import field_of_view  # only shown scans need it and the pictures
 
         known, (rows, columns), (x, y, z) = self.ranges[self.valid], self.shape, self.origin
         share = f"{100 * known.size / self.ranges.size:.1f} %"
         noise = "not known" if self.sigma_m is None else "none"
         figures = [
+            ("name", self.name),
             ("pixels", f"{rows} rows, {columns} columns; {field_of_view(self.projection)}"),
             ("returns", f"{known.size} of {self.ranges.size} ({share})"),
             ("range", f"{known.min():.3f} to {known.max():.3f} m" if known.size else "nothing came back"),
@@ -377,8 +384,14 @@ class RangeImage:
         figures += [("sensor", self.sensor)] if self.sensor else []
         figures += [("effects", self.noise)] if self.noise else []
         figures += [("truth", "known: simulated")] if self.truth is not None else []
+        return figures
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: figures and a small picture."""
+        from scenes.scan.thumbnail import thumbnails
+
         pictures = thumbnails(self.ranges, self.colour, self.projection)
-        return Card("Range image", self.name, figures, pictures=pictures).to_html()
+        return Card("Range image", self.name, self._facts()[1:], pictures=pictures).to_html()
 
 
 def saturation_start(ranges: FloatArray) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from scenes.checks import FloatArray, IntArray, read_only_view
+from scenes.checks import FloatArray, IntArray, Value, read_only_view
 from scenes.run.memory import in_blocks
 from scenes.run.stored_code import can_store
 
@@ -20,7 +20,7 @@ _NOWHERE = np.zeros((0, 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RayGrid:
+class RayGrid(Value):
     """Directions (p s, q, p t), of any length, sensor frame.
 
     Attributes

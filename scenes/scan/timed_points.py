@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import ArrayValue, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TimedPoints:
+class TimedPoints(ArrayValue):
     """Points of one turn of a scanner, or of one image of a camera.
 
     Attributes

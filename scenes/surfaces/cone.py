@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cone:
+class Cone(Value):
     """One nappe of a circular cone: radius `radius` about the axis at `point`, growing along `direction`.
 
     The apex is derived, so that slender cones are described as well as blunt ones. The chart is the cone

@@ -9,13 +9,13 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cylinder:
+class Cylinder(Value):
     """The circular cylinder about the axis through `point` along `direction`, metres.
 
     Its chart is (s, h): arc length s = radius * angle from `zero_direction`, in (-pi r, pi r], and height h
@@ -142,7 +142,7 @@ _N_ARC_STEPS = 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EllipticCylinder:
+class EllipticCylinder(Value):
     """The cylinder about the axis through `point` along `direction` whose section is an ellipse, metres.
 
     `radii` are the greater and the smaller semi-axis, `zero_direction` that of the greater. The chart is

@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from scenes.checks import FloatArray, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, Value, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plane:
+class Plane(Value):
     """The plane through `point` with unit `normal`; chart origin `point`, u along `u_direction`.
 
     Parameters

@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sphere:
+class Sphere(Value):
     """The sphere about `centre`, metres.
 
     No chart of a sphere is isometric (Gauss). This one is (radius * longitude, radius * latitude) about
@@ -116,7 +116,7 @@ _CHUNK = 65_536  # rays at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Torus:
+class Torus(Value):
     """The ring torus: all that is `tube_radius` away from the circle of `radius` about the axis.
 
     Its chart is (s, t): arc length s = radius * angle about the axis from `zero_direction`, counted along the

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction, check_points, frozen_copy
+from scenes.checks import FloatArray, InputError, Value, check_direction, check_points, frozen_copy
 from scenes.pose import Pose
 
 
@@ -75,7 +75,7 @@ def cross(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Opening:
+class Opening(Value):
     """An opening in a surface that one sees through: a window, a door opening.
 
     Parameters

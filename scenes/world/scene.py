@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from scenes.checks import InputError
+from scenes.card import Card
+from scenes.checks import InputError, Value
 from scenes.mesh.design import Design, Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import Axis, decide_mode
@@ -20,12 +21,15 @@ from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import Opening
 
+if TYPE_CHECKING:
+    from trimesh import Trimesh
+
 Mode = Literal["room", "object"]
 _NAMES_TOLD = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene:
+class Scene(Value):
     """What there is to scan.
 
     Parameters
@@ -89,7 +93,7 @@ class Scene:
 
         Parameters
         ----------
-        mesh : trimesh.Trimesh, LabelledMesh or (vertices, faces)
+        mesh : LabelledMesh, (vertices, faces), or a mesh of trimesh, Open3D or pyvista
             World coordinates, metres, z up. Without labels all of it is one surface, of the scene's name.
         name : str
             What to call it.
@@ -101,16 +105,7 @@ class Scene:
         InputError
             Something else, vertices that are not finite, faces of other vertices.
         """
-        if isinstance(mesh, tuple) and len(mesh) == 2:
-            vertices, faces = mesh
-        elif not isinstance(mesh, LabelledMesh):
-            vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
-            if vertices is None or faces is None:
-                raise InputError(
-                    f"a mesh must be a trimesh.Trimesh, a LabelledMesh or (vertices, faces), "
-                    f"got {type(mesh).__name__}; read files with load_scene"
-                )
-        labelled = mesh if isinstance(mesh, LabelledMesh) else LabelledMesh(vertices, faces)
+        labelled = LabelledMesh.of(mesh)
         n_surfaces = int(labelled.face_surface.max(initial=0)) + 1
         names = (name,) if n_surfaces == 1 else tuple(f"{name} {k}" for k in range(n_surfaces))
         kind = decide_mode(labelled) if mode is None else mode
@@ -120,6 +115,10 @@ class Scene:
         return (
             f"Scene({self.name!r}, {self.mode}, {len(self.mesh.faces)} faces, {len(self.surfaces)} surfaces)"
         )
+
+    def to_trimesh(self) -> Trimesh:
+        """Return its mesh as a `trimesh.Trimesh`."""
+        return self.mesh.to_trimesh()
 
     def ray_caster(self, n_threads: int | None = None) -> RayCaster:
         """Return the mesh prepared for ray casting: the tree is built once and kept as long as the scene."""
@@ -176,8 +175,6 @@ class Scene:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: size, surfaces and warnings."""
-        from scenes.card import Card  # only notebooks need it
-
         kinds = Counter(
             "mesh only" if surface is None else type(surface).__name__.lower() for surface in self.surfaces
         )

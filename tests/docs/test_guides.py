@@ -4,6 +4,7 @@
 import ast
 import re
 import shlex
+import tomllib
 
 import pytest
 import typer
@@ -110,7 +111,10 @@ def test_toml_is_accepted(page, tmp_path):
     for number, block in enumerate(blocks_of(page, "toml")):
         file = tmp_path / f"{number}.toml"
         file.write_text(block, "utf-8")
-        if block.startswith(("kind", "like")):
+        if block.startswith("[project."):
+            offered = tomllib.loads(block)["project"]["entry-points"]
+            assert set(offered) == {"unseen.readers", "unseen.sensors"}
+        elif block.startswith(("kind", "like")):
             assert load_sensor(file).max_range_m > 0
         else:
             assert read_study(file).scenes

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from examples.plot_architecture import PACKAGES, ROOT, modules, tree_of
 
-MAKERS = ("frozen_copy", "freeze_arrays", "frozen_pixels", "setflags", "flags.writeable")
-"""What a value does while it is made, so that its arrays are read-only."""
+MAKERS = ("ArrayValue", "frozen_copy", "freeze_arrays", "frozen_pixels", "setflags", "flags.writeable")
+"""What a value is, or does while it is made, so that its arrays are read-only."""
 
 
 ALSO = {"Extent", "PartFile", "RawPoints", "PointTable", "InferredPoints"}
@@ -61,6 +61,7 @@ def offered() -> set[str]:
 def writable(node: ast.ClassDef) -> list[str]:
     """Array fields of a class that makes no array read-only."""
     made = " ".join(ast.unparse(item) for item in node.body if isinstance(item, ast.FunctionDef))
+    made += " ".join(ast.unparse(base) for base in node.bases)
     if any(maker in made for maker in MAKERS):
         return []
     return [name for name, annotation in fields(node) if is_array(annotation)]

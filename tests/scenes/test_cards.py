@@ -191,7 +191,7 @@ def test_a_fit_shows_parameters_with_deviations():
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1).reshape(-1, 3)
     found = fit(points, "cylinder")
     text = text_of(found._repr_html_())
-    assert f"radius, m{found.surface.radius:.6g}" in text
+    assert f"radius{found.surface.radius:.6g} m" in text
     assert f"sd of radius{found.parameter_deviations()['radius']:.6g} m" in text
     assert f"{1000 * found.rms:.3g} mm" in text
     assert "sd of direction" in text
@@ -216,7 +216,7 @@ def test_a_fill_shows_the_image_and_its_sources(channels):
 def test_cards_cost_nothing_until_they_are_shown():
     code = (
         "import sys, nbv.plan.plan; "
-        "print([m for m in ('jinja2', 'matplotlib', 'nbv.report.display', 'scenes.card') if m in "
+        "print([m for m in ('jinja2', 'matplotlib', 'nbv.report.display', 'scenes.scan.thumbnail') if m in "
         "sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -35,7 +35,7 @@ from completion.export.building.faces import (
 )
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane
 
@@ -99,7 +99,7 @@ _LEVELS = (0.25, 0.5, 0.75)  # of the thickness, at which beams are looked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class Body(Value):
     """A wall or a slab that was seen from both sides.
 
     Attributes

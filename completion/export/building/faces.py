@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from completion.export.building.model import BuildingModel, OpeningOutline, PlaneElement
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.inclination import LEVEL_COSINE, Inclination
 
 _LEAST_M2 = 1e-6  # of a polygon; what is smaller came of rounding
@@ -91,7 +91,7 @@ def _clean(area: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class FaceFrame:
+class FaceFrame(Value):
     """Coordinates on a plane: u to the right seen from the normal's side, v upwards, w along the normal.
 
     Of upright planes u is level; of level ones u and v are +x and +y of the world, or -x seen from below.
@@ -126,7 +126,7 @@ class FaceFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaneFace:
+class PlaneFace(Value):
     """A completed plane as area.
 
     Attributes

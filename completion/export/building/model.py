@@ -11,20 +11,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from completion.backs.closed_things import ClosedThing
-from completion.export.building.things import BuildingThing, building_things
+from completion.export.building.things import BuildingThing
 from completion.export.panels.model import PanelModel
 from completion.extension.patch import Patch
 from completion.room.roles import Room
 from completion.uncertainty.joint_errors import JointErrors
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.inclination import Inclination
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BuildingElement:
+class BuildingElement(Value):
     """A completed surface.
 
     Attributes
@@ -198,7 +197,7 @@ REST = "rest"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoldLine:
+class FoldLine(Value):
     """An edge that two surfaces share: polyline (n, 3), world coordinates, metres, as of `FoldEdge`."""
 
     surfaces: tuple[int, int]
@@ -209,7 +208,7 @@ class FoldLine:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OpeningOutline:
+class OpeningOutline(Value):
     """An opening.
 
     Attributes
@@ -244,7 +243,7 @@ class OpeningOutline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoomPlan:
+class RoomPlan(Value):
     """A room in the plan, as the layout has it.
 
     Attributes
@@ -285,7 +284,7 @@ def room_plans(room: Room, patches: Sequence[Patch], world: Pose) -> tuple[RoomP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BuildingModel:
+class BuildingModel(Value):
     """What is drawn, in coordinates whose z is up: the world's where its own is.
 
     Attributes
@@ -372,8 +371,6 @@ def building_model(
     room: Room,
     world: Pose,
     drawing_from_world: Pose,
-    things: Sequence[ClosedThing] = (),
-    title: str = "",
 ) -> BuildingModel:
     """Return what drawings show of a completed model.
 
@@ -393,10 +390,6 @@ def building_model(
         From the working frame to that of drawings, z up; so are the polygons.
     drawing_from_world : Pose
         From the scans' world to it.
-    things : sequence of ClosedThing
-        What stands in the room.
-    title : str
-        Of which scans it is.
     """
     planes = [
         plane_element(int(surface["id"]), surface, patches[int(surface["id"]) - 1], world)
@@ -447,8 +440,6 @@ def building_model(
         plans=room_plans(room, patches, world),
         errors=errors,
         drawing_from_world=drawing_from_world,
-        things=tuple(building_things(things)),
-        title=title,
     )
 
 

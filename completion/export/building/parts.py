@@ -31,7 +31,7 @@ from completion.export.building.faces import (
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
 from completion.export.building.rooms import BuildingRoom, RoomSide, Storey, find_rooms, find_storeys
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 _LINES = (0.1, 0.9, 41)  # where lines run through it, as shares of its size
 
@@ -167,7 +167,7 @@ def trimmed_bodies(bodies: Sequence[Body], faces: Sequence[PlaneFace]) -> tuple[
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BuildingColumn:
+class BuildingColumn(Value):
     """A column.
 
     Attributes
@@ -279,7 +279,7 @@ def _footprint(body: Body) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BuildingParts:
+class BuildingParts(Value):
     """What a building consists of.
 
     Attributes

@@ -27,11 +27,11 @@ from completion.export.building.faces import (
     wide,
 )
 from completion.export.building.model import BuildingModel, RoomPlan
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Storey:
+class Storey(Value):
     """A storey.
 
     Attributes
@@ -184,7 +184,7 @@ def _is_wall(face: PlaneFace, storey: Storey, above: float, bodies: Sequence[Bod
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoomSide:
+class RoomSide(Value):
     """A side of a room's outline, (2, 2) world x and y, and the wall on whose line it is."""
 
     ends: FloatArray
@@ -205,7 +205,7 @@ class RoomSide:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BuildingRoom:
+class BuildingRoom(Value):
     """A room.
 
     Attributes

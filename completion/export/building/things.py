@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from completion.backs.closed_things import ClosedThing
 from completion.backs.intervals import Extents, VolumeInterval
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, Value
 
 ThingState = Literal["measured", "inferred", "unknown"]
 STATES: tuple[ThingState, ThingState, ThingState] = ("measured", "inferred", "unknown")
@@ -27,7 +27,7 @@ _STRETCH = 5  # pieces of an outline, half as long as the first of these, over w
 
 
 @dataclass(frozen=True, eq=False)
-class BuildingThing:
+class BuildingThing(Value):
     """What stands in a room, closed, in coordinates of drawings, z up.
 
     Attributes

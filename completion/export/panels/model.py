@@ -16,7 +16,7 @@ from completion.export.panels import limits
 from completion.export.panels.fold import Fold
 from completion.export.panels.sheet import Sheet
 from completion.extension.patch import Provenance
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import cross
 
@@ -118,7 +118,7 @@ _PAIR = 2  # surfaces of a fold
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoldEdge:
+class FoldEdge(Value):
     """An edge that two surfaces share.
 
     Attributes
@@ -165,7 +165,7 @@ class FoldEdge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CornerPoint:
+class CornerPoint(Value):
     """A point in which three surfaces meet: their numbers, the place (3,), its covariance (3, 3)."""
 
     surfaces: tuple[int, int, int]
@@ -253,7 +253,7 @@ def _dihedral(fold: Fold, sheets: Sequence[Sheet]) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PanelPart:
+class PanelPart(Value):
     """Facets of one surface by themselves: each vertex has one place in the chart."""
 
     vertices: FloatArray  # (n, 3) metres, working frame
@@ -262,7 +262,7 @@ class PanelPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RemainderFacets:
+class RemainderFacets(Value):
     """What no surface explains, as few triangles, and the pixels that tell of its vertices.
 
     Attributes
@@ -281,7 +281,7 @@ class RemainderFacets:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PanelModel:
+class PanelModel(Value):
     """Completed surfaces as few facets; neighbours share the vertices of the fold in which they meet.
 
     Attributes

@@ -26,14 +26,14 @@ from completion.evidence.evidence import Label
 from completion.export.panels import limits
 from completion.export.panels.sheet import polygons_of_cells
 from completion.extension.patch import Patch
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.surfaces.catalogue import Surface
 
 _STEPS = np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])  # to the four cells beside one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoundarySegment:
+class BoundarySegment(Value):
     """A stretch of outline.
 
     Attributes
@@ -58,7 +58,7 @@ class BoundarySegment:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OutlineCells:
+class OutlineCells(Value):
     """What is said of the measured and inferred cells that others touch, n of them, row by row."""
 
     inside: BoolArray  # (rows, columns) all measured and inferred cells

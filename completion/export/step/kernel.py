@@ -19,7 +19,7 @@ from completion.export.step.entities import in_order
 from completion.export.step.limits import TOLERANCE
 from completion.fitting.patches.spline import SplinePatch
 from scenes.checks import FloatArray, InputError
-from scenes.io.checks.guard import import_extra
+from scenes.run.libraries import import_extra
 from scenes.scan.colour import surface_bytes
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import cross, perpendicular

@@ -34,11 +34,11 @@ from completion.export.step.regions import (
     place_text,
 )
 from completion.export.step.sewing import OpenEdge, SewnShape, sewn
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FaceOutcome:
+class FaceOutcome(Value):
     """What became of a region.
 
     Attributes
@@ -80,7 +80,7 @@ class FaceOutcome:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepModel:
+class StepModel(Value):
     """A part as STEP.
 
     Attributes

@@ -13,9 +13,11 @@ import numpy as np
 from completion.export.step.faces import edge_points, is_valid, volume_of
 from completion.export.step.kernel import kernel
 from completion.export.step.limits import SEWING_REACH
+from scenes.card import shown
 from scenes.checks import FloatArray
 
 
+@shown
 class OpenEdge(NamedTuple):
     """An edge at which a shell is open: the place of its face, its middle (3,) and its length, mm."""
 

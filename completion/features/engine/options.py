@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from completion.features.engine.template import Given, TemplateFit
-from scenes.checks import InputError, check_number
+from scenes.checks import InputError, Value, check_number
 from scenes.io.checks.documents import read_json
 
 OPENINGS = ("doorway", "window", "niche")
@@ -20,7 +20,7 @@ KNOWN_OF_OPENINGS = ("width", "height", "depth")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FeatureOptions:
+class FeatureOptions(Value):
     """Which features completion makes use of.
 
     Attributes

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -12,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.features.engine.limits import LEAST_TILES
-from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from scenes.card import brief
+from scenes.checks import ArrayValue, BoolArray, FloatArray, IntArray, Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PixelBeams:
+class PixelBeams(Value):
     """Beams of n pixels.
 
     Attributes
@@ -39,7 +41,7 @@ class PixelBeams:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurements:
+class Measurements(ArrayValue):
     """What was measured, in one frame and one unit.
 
     Attributes
@@ -105,7 +107,7 @@ class SideState(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class FeatureSide:
+class FeatureSide(Value):
     """One side of a feature: an edge of an opening, a hole of a row, one of two joined surfaces.
 
     Attributes
@@ -138,7 +140,7 @@ class FeatureSide:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TemplateFit:
+class TemplateFit(ArrayValue):
     """A feature: proposed, and accepted or refused by evidence.
 
     Attributes
@@ -192,9 +194,6 @@ class TemplateFit:
     reason: str = ""
     geometry: Mapping[str, object] = field(default_factory=dict)
     held: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @classmethod
     def absent(cls, kind: str, names: tuple[str, ...], n: int, reason: str) -> TemplateFit:
@@ -278,7 +277,7 @@ _FROM_GEOMETRY = ("corners", "depth_m", "count", "count_range", "centres", "radi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Features:
+class Features(Value):
     """Features of n points.
 
     Attributes
@@ -297,6 +296,17 @@ class Features:
     n_points: int
     is_complete: bool = True
     doubts: tuple[str, ...] = ()
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """How many came to which status, and what the best one is."""
+        counts = Counter(fit.status.name.lower() for fit in self.fits)
+        return [
+            *((status, str(n)) for status, n in counts.items()),
+            ("of", f"{self.n_points} points"),
+            *(("best", brief(fit)) for fit in self.fits[:1]),
+            *([] if self.is_complete else [("search", "ended before it was complete")]),
+            *(("doubt", doubt) for doubt in self.doubts),
+        ]
 
     @property
     def found(self) -> tuple[TemplateFit, ...]:

@@ -23,7 +23,8 @@ from scipy.linalg import qr
 
 from completion.fitting.limits import EXACT_JOIN, NEARLY_JOIN, SQUARE
 from completion.fitting.patches.spline import SIDES, Basis, SideName, SplinePatch, side_rows
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.card import shown
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray, Value
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import guard_reading
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -38,7 +39,7 @@ class JoinKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Boundary:
+class Boundary(Value):
     """What a patch meets along one of its boundaries.
 
     Attributes
@@ -198,6 +199,7 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
 """Independent is what is left of an equation by others: of linear ones, and of linearised ones."""
 
 
+@shown
 class ControlEquations(NamedTuple):
     """Equations rows @ x[columns] = value of the controls' coordinates x, and which of them are linear."""
 
@@ -287,7 +289,7 @@ _FIELDS = {"plane": ("point", "normal"), "cylinder": ("point", "direction", "rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchRequest:
+class PatchRequest(Value):
     """What a file of boundaries asks for: see `fit_patch`; `files` are those that it names."""
 
     boundaries: Mapping[SideName, Boundary]

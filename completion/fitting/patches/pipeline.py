@@ -36,7 +36,8 @@ from completion.fitting.patches.rounds import (
 )
 from completion.fitting.patches.spline import SideName, SplinePatch, products, side_places
 from completion.fitting.result import FitError
-from scenes.checks import FloatArray, InputError, check_points
+from scenes.card import shown
+from scenes.checks import FloatArray, InputError, Value, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 N_MEASURED = 400
@@ -45,6 +46,7 @@ N_MEASURED = 400
 _CHUNK = 256  # places whose deviations are solved for at once
 
 
+@shown
 class MeasuredJoin(NamedTuple):
     """How well a patch meets a surface along a boundary."""
 
@@ -53,7 +55,7 @@ class MeasuredJoin(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchFit:
+class PatchFit(Value):
     """A free-form patch fitted to points between surfaces.
 
     Attributes

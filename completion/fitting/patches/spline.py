@@ -12,11 +12,11 @@ import numpy as np
 from scipy.interpolate import BSpline, PPoly
 from scipy.sparse import csr_array
 
-from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.checks import FloatArray, InputError, IntArray, Value, frozen_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Basis:
+class Basis(Value):
     """The `n` B-splines of a degree on [0, 1], clamped at both ends, between even knots.
 
     Attributes
@@ -108,7 +108,7 @@ SIDES: tuple[SideName, ...] = ("u0", "u1", "v0", "v1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SplinePatch:
+class SplinePatch(Value):
     """A B-spline surface over u and v in [0, 1], clamped, between even knots.
 
     Parameters

@@ -11,7 +11,7 @@ import numpy as np
 
 from completion.parts.dimensions.hole import Hole
 from completion.relations.equations import Placement
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 
 NORMAL_95 = 1.959963984540054
 """Half an interval of 95 % in standard deviations."""
@@ -32,7 +32,7 @@ Measure = Callable[[Sequence[Placement]], float]
 
 
 @dataclass(frozen=True, slots=True)
-class PreferredValue:
+class PreferredValue(Value):
     """The hypothesis that a dimension was meant to be a preferred value.
 
     Attributes
@@ -55,7 +55,7 @@ def _nowhere() -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PartDimension:
+class PartDimension(Value):
     """A dimension of a part, in `unit`: metres, radians, m2 or m3.
 
     Attributes
@@ -137,7 +137,7 @@ class PartDimension:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Blend:
+class Blend(Value):
     """A face between two or three others: a ball's way along two, a ball in a corner, or a chamfer.
 
     Attributes
@@ -191,7 +191,7 @@ class Blend:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DatumFrame:
+class DatumFrame(Value):
     """The frame of a part by its main planes and axes: unit vectors (3, 3), rows, and what they are from."""
 
     axes: FloatArray
@@ -199,7 +199,7 @@ class DatumFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartDimensions:
+class PartDimensions(Value):
     """The dimensions of a part, the frame of its overall sizes, and why what is missing is missing.
 
     `holes` are those of each place at which it is drilled: of a stepped one its cylinders together. `blends`

@@ -6,9 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from scenes.card import shown
+from scenes.checks import Value
+
 OPEN, FLOOR, CONE = "open", "floor", "cone"
 
 
+@shown
 class HoleEnd(NamedTuple):
     """What ends a hole: nothing behind it, a floor, or a cone; and the place of that face, -1 for none.
 
@@ -20,7 +24,7 @@ class HoleEnd(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hole:
+class Hole(Value):
     """A hole: the place of its wall, and its ends, the lower first along its axis."""
 
     place: int

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.parts.profiles import limits
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, Value
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 AXIS = -1
@@ -24,7 +24,7 @@ _End = tuple[int, bool]  # of a piece, by its place: whether its high one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Segment:
+class Segment(Value):
     """A line or an arc of a profile.
 
     Attributes

@@ -16,13 +16,14 @@ from completion.parts.profiles.chain import Segment
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import RelationGraph
 from completion.relations.relation import Relation
+from scenes.checks import Value
 from scenes.surfaces.catalogue import Plane
 
 LoopKind = Literal["outer", "boss", "rib", "hole", "slot", "pocket", "turned", "open"]
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class Loop(Value):
     """Segments in a ring, or a chain of them that is open.
 
     Attributes
@@ -66,7 +67,7 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
+class Profile(Value):
     """What is swept once.
 
     Attributes

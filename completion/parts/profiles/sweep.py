@@ -22,7 +22,7 @@ from completion.relations.equations import Placement, move_surface, place
 from completion.relations.estimate import JointEstimate, wald_test
 from completion.relations.graph import is_settled
 from completion.relations.relation import Relation, RelationKind
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, Value
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import perpendicular
@@ -35,7 +35,7 @@ _LARGE = 0.2  # of the largest face, from which its direction goes before those 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
+class Sweep(Value):
     """How a profile is moved.
 
     Attributes

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from scenes.checks import FloatArray, IntArray, freeze_arrays
+from scenes.checks import ArrayValue, FloatArray, IntArray
 
 _AROUND = np.array(
     [[1, 1], [-1, 1], [1, -1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64
@@ -65,7 +65,7 @@ _WIDE, _HIGH = 0.7, 1.2  # of a letter and a line, in units of the font's size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Label:
+class Label(ArrayValue):
     """A text at a place (2,) of axes: beside a dot that is `dot_pt` points across, or on the place."""
 
     text: str
@@ -75,9 +75,6 @@ class Label:
     dot_pt: float | None = None
     is_bold: bool = False
     ground: str | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def size_pt(self) -> FloatArray:

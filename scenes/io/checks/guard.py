@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import importlib
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -78,16 +76,3 @@ def check_size(rows: int, columns: int) -> None:
             "is the header damaged?"
         )
     check_limit("pixels", rows * columns, f"pixels of a grid of {rows} x {columns} (is its header damaged?)")
-
-
-def import_extra(module: str, extra: str) -> Any:
-    """Import an optional dependency, or raise an InputError that names the cure."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise missing_extra(module, extra) from error
-
-
-def missing_extra(module: str, extra: str) -> InputError:
-    """Return the error of an optional dependency that is not there, with the cure."""
-    return InputError(f'{module} is not installed; the cure: pip install "unseen[{extra}]"')

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.io.checks.documents import parse_json
-from scenes.io.checks.guard import check_size, import_extra
+from scenes.io.checks.guard import check_size
 from scenes.io.checks.limits import check_limit, check_unpacked
 from scenes.io.clouds.e57_points import (
     GridExtent,
@@ -40,6 +40,7 @@ from scenes.io.formats.returns import FurtherReturns
 from scenes.io.formats.station import scan_from_station
 from scenes.limits import SPARSE, SPARSE_PIXELS
 from scenes.pose import Pose
+from scenes.run.libraries import import_extra
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_pixels, colour_points, colour_warnings
 from scenes.scan.pixels import crop_pixels, ranges_of, row_blocks

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
-from scenes.io.checks.guard import import_extra
 from scenes.pose import Pose, stated_rotation
+from scenes.run.libraries import import_extra
 from scenes.scan.pixels import finite_points
 
 _MOST_INDEX = 2**62

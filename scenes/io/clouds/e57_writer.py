@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
-from scenes.io.checks.guard import import_extra
+from scenes.checks import ArrayValue, ColourArray, FloatArray, InputError
 from scenes.io.clouds.e57 import INFERRED, E57File
 from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, each_cloud, each_scan
@@ -25,6 +24,7 @@ from scenes.io.formats.header import scan_header
 from scenes.io.formats.returns import cloud_of
 from scenes.pose import quaternion_of
 from scenes.run.atomic import atomic_path, encodable, json_text
+from scenes.run.libraries import import_extra
 from scenes.scan.range_image import RangeImage
 
 EXTENSION = ("unseen", "https://unseen.invalid/e57/inferred/1")
@@ -33,7 +33,7 @@ _RANGES = {"surface": (0, 65535), "provenance": (0, 255)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InferredPoints:
+class InferredPoints(ArrayValue):
     """Points that nobody measured.
 
     Attributes
@@ -60,9 +60,6 @@ class InferredPoints:
     confidence: FloatArray
     sd: FloatArray
     legend: dict[str, str]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def columns(self) -> dict[str, Any]:
         """Return one array a field."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.checks.documents import parse_json
-from scenes.io.checks.guard import import_extra
 from scenes.io.clouds.las_header import check_las, libraries_muted
 from scenes.io.formats.crs import LengthUnit, unit_of_geokeys, unit_of_wkt
 from scenes.io.formats.facts import FormatFacts
@@ -28,6 +27,7 @@ from scenes.io.formats.format import (
 from scenes.io.formats.header import scan_header
 from scenes.io.formats.returns import ScanReturns, cloud_of, scan_of
 from scenes.run.atomic import json_text, write_bytes
+from scenes.run.libraries import import_extra
 from scenes.scan.range_image import RangeImage
 
 _STEPS_M = (1e-5, 1e-4, 1e-3, 1e-2)  # coordinates are 32-bit counts of such a step, from an offset

@@ -15,8 +15,8 @@ from threading import Lock
 from typing import Any, BinaryIO
 
 from scenes.checks import InputError
-from scenes.io.checks.guard import import_extra
 from scenes.io.checks.limits import check_limit, check_unpacked
+from scenes.run.libraries import import_extra
 
 _ONE_AT_A_TIME = Lock()  # the descriptor is the whole process's
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
-from scenes.io.checks.guard import import_extra
 from scenes.io.clouds.pcd_chunks import PcdHeader, pcd_chunks, read_pcd_header
 from scenes.io.formats.columns import AXES, COLOURS, NORMALS, columns_of
 from scenes.io.formats.facts import FormatFacts
@@ -32,6 +31,7 @@ from scenes.io.formats.header import (
 from scenes.io.formats.station import scan_from_station
 from scenes.pose import Pose, quaternion_of, stated_rotation
 from scenes.run.atomic import write_bytes
+from scenes.run.libraries import import_extra
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes, colour_points, colour_warnings, scaled_bytes
 from scenes.scan.pixels import finite_points, mend_pixels, row_blocks

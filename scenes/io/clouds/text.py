@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.checks import ArrayValue, ColourArray, FloatArray, InputError
 from scenes.io.clouds.text_fields import COMMENT, read_fields
 from scenes.io.clouds.text_scan import TEXT_TAG, read_scan_text, write_scan_text
 from scenes.io.formats.columns import (
@@ -47,7 +47,7 @@ _CURE = "correct the line, or mark it as a comment with #"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PointTable:
+class PointTable(ArrayValue):
     """What a text file of points holds.
 
     Attributes
@@ -75,9 +75,6 @@ class PointTable:
     colour: ColourArray | None = None
     unit: LengthUnit | None = None
     times: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.checks.guard import import_extra
 from scenes.run.atomic import atomic_path
+from scenes.run.libraries import import_extra
 from scenes.scan.timed_points import TimedPoints
 
 SUFFIXES = (".las", ".laz", ".csv")

@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
 
-from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.checks import ArrayValue, ColourArray, FloatArray, InputError
 from scenes.io.formats.crs import LengthUnit
 from scenes.io.formats.facts import FormatFacts
 from scenes.limits import FINE_M
@@ -32,7 +33,7 @@ NO_RAYS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RawPoints:
+class RawPoints(ArrayValue):
     """Points as a file holds them.
 
     Attributes
@@ -66,9 +67,6 @@ class RawPoints:
     unit: LengthUnit | None = None
     step: float = 0.0
     times: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def join_points(parts: Sequence[RawPoints]) -> RawPoints:
@@ -316,7 +314,23 @@ def formats() -> tuple[Format, ...]:
     for module in _MODULES:
         value = import_module(f"scenes.io.{module}").FORMAT
         held += value if isinstance(value, tuple) else (value,)
-    return tuple(held)
+    return (*held, *(_offered(point) for point in entry_points(group="unseen.readers")))
+
+
+def _offered(point: EntryPoint) -> Format:
+    """A format that another package reads, named by suffix: a function from a path to a scan or several."""
+
+    def read(path: Path) -> list[RangeImage]:
+        scans = point.load()(path)
+        return [scans] if isinstance(scans, RangeImage) else list(scans)
+
+    return Format(
+        suffixes=(f".{point.name.lower()}",),
+        points=lambda path, number: points_of(read(path)[slice(number and number - 1, number)]),
+        scans=lambda path, _: [partial(RangeImage.with_facts, scan) for scan in read(path)],
+        several=True,
+        marks_misses=True,
+    )
 
 
 def format_of(suffix: str) -> Format | None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
@@ -16,6 +16,10 @@ from scenes.io.meshes.gltf import BINARY_CHUNK, JSON_CHUNK, Content
 from scenes.mesh.appearance import linear_from_srgb
 from scenes.mesh.mesh_parts import MeshPart, local_origin
 from scenes.pose import Pose
+
+if TYPE_CHECKING:
+    from trimesh import Scene as TrimeshScene
+    from trimesh import Trimesh
 
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # z up to glTF's y up
 
@@ -36,16 +40,8 @@ def glb_of(parts: Sequence[MeshPart], z_up: Pose | None = None) -> bytes:
         scene.graph.update(frame_to=block, frame_from="world", matrix=np.eye(4))
     pages: dict[int, tuple[str, Image.Image]] = {}
     for part in parts:
-        mesh = trimesh.Trimesh(part.vertices - origin, part.faces, process=False)
-        if part.image is not None:
-            if id(part.image) not in pages:
-                pages[id(part.image)] = f"texture {len(pages) + 1}", Image.fromarray(part.image)
-            material = _material(part, *pages[id(part.image)])
-            mesh.visual = trimesh.visual.TextureVisuals(uv=part.uv, material=material)
-        elif part.colour is not None:
-            mesh.visual.vertex_colors = part.colour
         scene.add_geometry(
-            mesh,
+            _mesh_of(part, origin, pages),
             node_name=part.name,
             geom_name=part.name,
             parent_node_name=part.block or None,
@@ -53,6 +49,31 @@ def glb_of(parts: Sequence[MeshPart], z_up: Pose | None = None) -> bytes:
         )
     data: bytes = scene.export(file_type="glb")
     return data
+
+
+def scene_of_parts(parts: Sequence[MeshPart]) -> TrimeshScene:
+    """Return the parts as a `trimesh.Scene` in the world, each a geometry of its name."""
+    import trimesh  # slow to load
+
+    scene, pages = trimesh.Scene(base_frame="world"), dict[int, tuple[str, Image.Image]]()
+    for part in parts:
+        scene.add_geometry(_mesh_of(part, np.zeros(3), pages), node_name=part.name, geom_name=part.name)
+    return scene
+
+
+def _mesh_of(part: MeshPart, origin: FloatArray, pages: dict[int, tuple[str, Image.Image]]) -> Trimesh:
+    """A part from an origin (3,), with its colours or a page; pages are named as they come."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(part.vertices - origin, part.faces, process=False)
+    if part.image is not None:
+        if id(part.image) not in pages:
+            pages[id(part.image)] = f"texture {len(pages) + 1}", Image.fromarray(part.image)
+        material = _material(part, *pages[id(part.image)])
+        mesh.visual = trimesh.visual.TextureVisuals(uv=part.uv, material=material)
+    elif part.colour is not None:
+        mesh.visual.vertex_colors = part.colour
+    return mesh
 
 
 def _moved_by(shift: FloatArray) -> FloatArray:

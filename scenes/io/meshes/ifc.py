@@ -22,12 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.io.checks.guard import guard_reading, missing_extra, one_line
+from scenes.io.checks.guard import guard_reading, one_line
 from scenes.io.checks.limits import check_limit, current_limits
 from scenes.io.formats.crs import LengthUnit
 from scenes.mesh.appearance import GeometryLook, PlacedGeometry
 from scenes.mesh.design import Design, Element, MapConversion
 from scenes.run.atomic import atomic_path, write_json
+from scenes.run.libraries import missing_extra
 from scenes.run.memory import room
 
 _PROGRAM = Path(__file__).with_name("ifc_geometry.py")

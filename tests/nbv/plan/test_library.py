@@ -44,7 +44,7 @@ def test_a_plan_takes_a_path_or_a_mesh(thing, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"scene": 3}, r"a mesh must be a trimesh\.Trimesh, a LabelledMesh or \(vertices, faces\), got int"),
+        ({"scene": 3}, r"a mesh must be of trimesh, Open3D or pyvista, a LabelledMesh or .*, got int"),
         ({"candidates": np.zeros((3, 3))}, r"candidates must be Candidates, got an array of shape \(3, 3\)"),
         ({"samples": np.zeros((3, 3))}, r"samples must be SurfaceSamples, got an array of shape \(3, 3\)"),
         ({"rng": 1.5}, "rng must be a whole number from 0, a numpy Generator or None, got 1.5"),
