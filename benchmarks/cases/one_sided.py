@@ -26,7 +26,8 @@ from scenes.world.scene import Scene
 NOISE, PIXELS, AWAY = 3e-4, 220, 2.2  # shares of size, pixels a side of the image, sizes to the sensor
 SWEPT = 24
 MESHES = ("featuretype.STL", "fandisk.obj", "rocker-arm.obj")
-_SIZE_M, _N_TURNS, _N_SHARE = 0.1, 72, 16
+SIZE_M = 0.1
+_N_TURNS, _N_SHARE = 72, 16
 _UP_DEG = 15, 70
 
 
@@ -53,7 +54,7 @@ def one_sided(name: str, seed: int) -> OneSided:
     rng = np.random.default_rng([61, seed, sum(map(ord, name))])
     corners = _corners_of(name, seed)
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-    corners = (corners - (low + high) / 2) * (_SIZE_M / np.linalg.norm(high - low))
+    corners = (corners - (low + high) / 2) * (SIZE_M / np.linalg.norm(high - low))
     azimuth, up = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(*_UP_DEG))
     way = np.array([np.cos(azimuth) * np.cos(up), np.sin(azimuth) * np.cos(up), np.sin(up)])
     sensor = PinholeSensor(fov_deg=30, width=PIXELS, height=PIXELS, min_range_m=0.001, max_range_m=10)
@@ -62,13 +63,13 @@ def one_sided(name: str, seed: int) -> OneSided:
         np.zeros(len(corners), np.int32),
     )  # fmt: skip
     scene = Scene(mesh, (None,), ("part",), "part", "object")
-    scan = scan_scene(scene, View(Pose.looking_at(AWAY * _SIZE_M * way, np.zeros(3)), sensor))
+    scan = scan_scene(scene, View(Pose.looking_at(AWAY * SIZE_M * way, np.zeros(3)), sensor))
     exact = scan.points()
     exact = exact[np.isfinite(exact).all(axis=2)]
-    origin = AWAY * _SIZE_M * way
+    origin = AWAY * SIZE_M * way
     rays = exact - origin
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    noise = NOISE * _SIZE_M * rng.normal(size=len(exact))
+    noise = NOISE * SIZE_M * rng.normal(size=len(exact))
     return OneSided(exact + noise[:, None] * rays, origin, corners)
 
 
@@ -110,7 +111,9 @@ def _swept(case: SweptCase) -> FloatArray:
     flats += [(loop.polygon, loop.low) for loop in inner if loop.low > 0.0]
     for area, level in flats:
         pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
-        walls.append(np.array([np.insert(shapely.get_coordinates(one)[:3], 2, level, axis=1) for one in pieces]))
+        walls.append(
+            np.array([np.insert(shapely.get_coordinates(one)[:3], 2, level, axis=1) for one in pieces])
+        )
     return np.concatenate(walls)
 
 

@@ -686,6 +686,13 @@ class PartOptions:
     preferred: Literal["off", "tell", "impose"] = option(
         "--preferred", "Round numbers, inch fractions and holes for threads that dimensions may mean.", "tell"
     )
+    backs: bool = option(
+        "--backs", "Infer the sides that no scan saw, from mirror planes and axes of the surfaces.", False
+    )
+    least: float = option(
+        "--least", "Probability from which a symmetry counts as inferred surface, for --backs.", 0.8,
+        metavar="P", limits=NumberRange(least=0.5, most=1.0),
+    )  # fmt: skip
     flatten: bool = option("--flatten", "Also write flat.ply: planes without ripple, relief kept.", False)
     exports: tuple[str, ...] = option(
         "--export", "Also write part.step, and its features, for CAD.", (), metavar="step", shown=False,

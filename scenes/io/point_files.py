@@ -229,6 +229,8 @@ class PartFile:
         The mesh, where it is one.
     normals : (n, 3) float, optional
         Of points, where the file holds one for each.
+    origins : (n, 3) float, optional
+        Of points, where the scanner stood that measured each, metres; None where the file does not tell.
     label : (n,) int, optional
         What the file calls the surface of each point; 0 and less for none.
     rows, n_rows : (n,) int or None, int
@@ -243,6 +245,7 @@ class PartFile:
     n_rows: int
     mesh: LabelledMesh | None = None
     normals: FloatArray | None = None
+    origins: FloatArray | None = None
     label: IntArray | None = None
     rows: IntArray | None = None
     warnings: tuple[str, ...] = ()
@@ -268,6 +271,7 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
     return PartFile(
         points=cloud.points,
         normals=normals,
+        origins=cloud.origins,
         label=cloud.label,
         rows=cloud.rows,
         n_rows=cloud.n_rows,

@@ -101,7 +101,9 @@ def _tested(
     matched, hidden, free, beside = shares.mean(axis=0).tolist()
     largest = group[np.argmax([(measured.face == k).sum() for k in group])]
     edges = measured.edges
-    rim = edges[measured.distance(measured.points[edges], np.full(len(edges), largest)) < REACH * measured.spacing_m]
+    rim = edges[
+        measured.distance(measured.points[edges], np.full(len(edges), largest)) < REACH * measured.spacing_m
+    ]
     round_ = [sectors(measured.points[one], point, direction) for one in (own, np.append(rim, own))]
     is_edge, is_open, out = measured.ends
     away = measured.points[own] - point

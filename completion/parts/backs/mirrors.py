@@ -220,7 +220,9 @@ def _nearest(measured: Measured, points: FloatArray) -> IntArray:
     return np.asarray(measured.edge_tree.query(points)[1])
 
 
-def _tested(measured: Measured, point: FloatArray, direction: FloatArray, covariance: FloatArray) -> Hypothesis:
+def _tested(
+    measured: Measured, point: FloatArray, direction: FloatArray, covariance: FloatArray
+) -> Hypothesis:
     """A mirror with its evidence."""
     off, seen = _moved(measured, measured.some, point, direction)
     height = (measured.points[measured.some] - point) @ direction

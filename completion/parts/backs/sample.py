@@ -225,7 +225,9 @@ def measured_of(part: DividedPart, origins: FloatArray | None, normals: FloatArr
     elif normals is not None:
         side, sights = normals[usable], []
     else:
-        raise InputError("the file tells neither where the scanner stood nor which side of the surface it saw")
+        raise InputError(
+            "the file tells neither where the scanner stood nor which side of the surface it saw"
+        )
     outward = across * np.where(np.einsum("ni,ni->n", across, side) < 0, -1.0, 1.0)[:, None]
     if not sights:
         sights = _sides(points, outward, size, depth)
@@ -252,8 +254,8 @@ def _sides(points: FloatArray, normals: FloatArray, size: float, depth: float) -
             found.append(sight)
     if not found:
         raise InputError(
-            f"no side shows all of its surface (at most {100 * fronts.max():.0f} % face one way), and the file "
-            "does not tell where the scanners stood"
+            f"no side shows all of its surface (at most {100 * fronts.max():.0f} % face one way), and the "
+            "file does not tell where the scanners stood"
         )
     return found
 
