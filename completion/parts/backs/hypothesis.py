@@ -102,7 +102,7 @@ def reflection(point: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def mirror_change(point: FloatArray, normal: FloatArray, points: FloatArray) -> FloatArray:
-    """Change (n, 3, 3) of mirrored points (n, 3) with two tilts of a mirror about its point, and its offset."""
+    """Change (n, 3, 3) of mirrored points (n, 3) with two tilts of a mirror about its point, and offset."""
     first, second = across(normal)
     away = points - point
     height = (away @ normal)[:, None]

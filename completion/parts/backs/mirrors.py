@@ -35,7 +35,7 @@ def find_mirrors(measured: Measured) -> list[Hypothesis]:
     middles of faces and of the whole, axes, middles between equal surfaces.
     """
     some = measured.some[:N_COARSE]
-    scored = []
+    scored = list[tuple[float, int, FloatArray, FloatArray]]()
     for direction in _directions(measured):
         for offset in _offsets(measured, direction):
             one = direction * offset
@@ -171,7 +171,7 @@ def _score(measured: Measured, some: IntArray, point: FloatArray, direction: Flo
 def _refined(
     measured: Measured, point: FloatArray, direction: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A mirror by least squares of mirrored samples and edges, and the covariance (3, 3) of tilts and offset."""
+    """A mirror by least squares of samples and edges, and the covariance (3, 3) of tilts and offset."""
     some = np.concatenate([measured.some, measured.edges[:: max(1, len(measured.edges) // 1500)]])
     is_edge = np.arange(len(some)) >= len(measured.some)
     loose = np.radians(SAME_DEG) ** 2, np.radians(SAME_DEG) ** 2, (SAME_OFFSET * measured.size_m) ** 2

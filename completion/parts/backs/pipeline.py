@@ -133,11 +133,17 @@ def _told(
             f"{100 * (e['free'] + e['beside']):.0f} % refuted, {100 * e['hidden']:.0f} % unseen){sights}"
         )
     n_mirrors = sum(one.kind == "mirror" for one in chosen)
-    area, worst = sum(face.area_m2 for face in faces), min(one.probability for one in chosen)
+    worst = min(one.probability for one in chosen)
+    n_axes = len(chosen) - n_mirrors
+    holds = f"{n_mirrors} mirror planes and {n_axes} axes hold with probability {worst:.2f} or more"
+    if not faces:
+        return (
+            f"no unseen side is inferred: {holds}, but all that they imply was measured or is refuted{sights}"
+        )
+    area, names = 1e4 * sum(face.area_m2 for face in faces), {face.label: face.is_new for face in faces}
     return (
-        f"{n_mirrors} mirror planes and {len(chosen) - n_mirrors} axes hold with probability {worst:.2f} or more; they "
-        f"imply {1e4 * area:.3g} cm2 of unseen surface on {len({face.label for face in faces})} faces, "
-        f"{sum(face.is_new for face in faces)} of them new{sights}"
+        f"{holds}; they imply {area:.3g} cm2 of unseen surface on {len(names)} faces, {sum(names.values())} of "
+        f"them new{sights}"
     )
 
 
