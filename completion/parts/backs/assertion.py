@@ -142,38 +142,51 @@ def assert_surface(
 
 
 def _turned(measured: Measured, axis: Hypothesis, names: IntArray) -> Places:
-    """The surfaces of an axis all round: each place of their profile that is measured far enough round."""
-    point, direction = axis.point, axis.direction
+    """The surfaces of an axis all round: each place of their profile that is measured far enough round.
+
+    Planes at right angles to it are turned between its surfaces; of them a ring of which a part was seen to
+    be open stays as measured: it has holes.
+    """
     group = [k for k, label in enumerate(names) if label in axis.surfaces]
-    own = measured.points[np.isin(measured.face, group)]
-    tree, parts = cKDTree(own), list[Places]()
+    own = np.isin(measured.face, group)
+    height, radius = _profile(measured.points, axis)
+    tree, parts = cKDTree(measured.points[own]), list[Places]()
     for k, surface in enumerate(measured.surfaces):
         members = np.flatnonzero(measured.face == k)
-        if not len(members) or not is_about(measured, surface, point, direction):
+        if not len(members) or not is_about(measured, surface, axis.point, axis.direction):
             continue
-        touches = np.isfinite(
-            tree.query(measured.points[members], distance_upper_bound=REACH * measured.spacing_m)[0]
-        )
-        if k not in group and (touches.sum() < _FEWEST or not isinstance(surface, Plane)):
-            continue
-        away = measured.points[members] - point
-        height = away @ direction
-        radius = np.linalg.norm(away - height[:, None] * direction, axis=1)
-        cell = np.round(np.column_stack([radius, height]) / measured.spacing_m).astype(np.int64)
+        if k not in group:
+            members = members[radius[members] <= radius[own].max() + measured.spacing_m]
+            near = tree.query(measured.points[members])[0] <= REACH * measured.spacing_m
+            if near.sum() < _FEWEST or not isinstance(surface, Plane):
+                continue
+        cell = np.round(np.column_stack([radius, height])[members] / measured.spacing_m).astype(np.int64)
         _, first, of = np.unique(cell, axis=0, return_index=True, return_inverse=True)
         filled = np.zeros((len(first), N_SECTORS), np.bool_)
-        filled[of.reshape(-1), sectors(measured.points[members], point, direction)] = True
+        filled[of.reshape(-1), sectors(measured.points[members], axis.point, axis.direction)] = True
         arc = filled.sum(axis=1)
-        least = HALF * (N_SECTORS if k not in group else arc.max())
-        for place in members[first[arc >= least]]:
-            parts.append(_ring(measured, place, axis, int(names[k])))
-    return Places.joined(parts)
+        least = HALF * (arc.max() if k in group else N_SECTORS)
+        parts += [_ring(measured, place, axis, int(names[k])) for place in members[first[arc >= least]]]
+    rings = Places.joined(parts)
+    number = np.repeat(np.arange(len(parts)), [len(one.points) for one in parts])
+    seen = measured.see(rings.points, rings.normals, rings.sd_m, measured.kinds[rings.face])
+    is_flat = np.array([isinstance(one, Plane) for one in measured.surfaces])[rings.face]
+    open_ = np.where(is_flat, 1 - seen.matched - seen.hidden, seen.free + seen.beside)
+    share = np.bincount(number, open_) / np.bincount(number)
+    return rings.only(share[number] <= MOST_REFUTED)
+
+
+def _profile(points: FloatArray, axis: Hypothesis) -> tuple[FloatArray, FloatArray]:
+    """Heights (n,) along an axis of points (n, 3), and distances (n,) from it."""
+    away = points - axis.point
+    height = away @ axis.direction
+    return height, np.linalg.norm(away - height[:, None] * axis.direction, axis=1)
 
 
 def _ring(measured: Measured, place: int, axis: Hypothesis, label: int) -> Places:
     """A place turned all round an axis, about a sampling distance from one to the next."""
     away = measured.points[place] - axis.point
-    radius = float(np.linalg.norm(away - (away @ axis.direction) * axis.direction))
+    radius = float(_profile(measured.points[place][None], axis)[1][0])
     n = max(N_SECTORS, int(np.ceil(2 * np.pi * radius / measured.spacing_m)))
     turns = [turn_of(axis.direction, 2 * np.pi * k / n) for k in range(n)]
     points = np.array([axis.point + turn @ away for turn in turns])

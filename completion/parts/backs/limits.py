@@ -16,8 +16,8 @@ REACH = 2.5
 """Sampling distances within which two places of a surface are one."""
 GAP = 0.33
 """Share of a turn without a neighbour from which a place is at the end of what was measured."""
-DEPTH = 0.004
-"""Share of size by which a place lies before or behind measured surface; at least `REACH` spacings."""
+DEPTH = 0.002
+"""Share of size by which a place lies before or behind measured surface; at least half a spacing."""
 SEEN_FROM = 0.97
 """Share of the surface that is seen from a side from which a scan may have been taken."""
 N_SIDES = 400

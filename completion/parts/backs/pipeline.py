@@ -142,8 +142,8 @@ def _told(
         )
     area, names = 1e4 * sum(face.area_m2 for face in faces), {face.label: face.is_new for face in faces}
     return (
-        f"{holds}; they imply {area:.3g} cm2 of unseen surface on {len(names)} faces, {sum(names.values())} of "
-        f"them new{sights}"
+        f"{holds}; they imply {area:.3g} cm2 of unseen surface on {len(names)} faces, {sum(names.values())} "
+        f"of them new{sights}"
     )
 
 

@@ -216,7 +216,7 @@ def measured_of(part: DividedPart, origins: FloatArray | None, normals: FloatArr
             sd[some] = fit.standard_deviation(feet[some])
     size = float(np.linalg.norm(np.ptp(feet, axis=0)))
     spacing = max(part.spacing_m, float(np.median(cKDTree(feet).query(feet, k=3)[0][:, -1])))
-    depth = max(DEPTH * size, REACH * spacing, 4 * part.noise_m)
+    depth = max(DEPTH * size, spacing / 2, MATCH_SD * part.noise_m)
     if origins is not None and not is_mesh:
         stands = origins[usable]
         side = stands - points
