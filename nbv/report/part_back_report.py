@@ -54,12 +54,12 @@ def _hypotheses(back: PartBack) -> Table:
                 Cell(", ".join(map(str, one.surfaces))),
                 *(Cell(percent(share)) for share in (e["matched"], e["free"] + e["beside"], e["hidden"])),
                 Cell(percent(one.probability), state="inferred" if taken else ""),
-                Cell("asserted" if taken else ""),
+                Cell("asserted" if taken else "not asserted"),
             )
         )
     return Table(
         ("Symmetry", "Relation", "Direction", "Of surfaces", "#matched, %", "#refuted, %", "#unseen, %",
-         "#probability, %", ""), tuple(rows),
+         "#probability, %", "Result"), tuple(rows),
     )  # fmt: skip
 
 

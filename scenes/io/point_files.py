@@ -304,8 +304,8 @@ def _one_sided(cloud: PointCloud) -> tuple[str, ...]:
         return ()
     near, far = np.quantile(np.linalg.norm(cloud.points - cloud.origins[0], axis=1), (0, 1))
     return (
-        f"all points were measured from one place, {near:.2g} to {far:.2g} m away, and show one side: use "
-        "`unseen complete` for rooms, plants and what stands in them",
+        f"all points were measured from one place, {near:.2g} to {far:.2g} m away, and show one side: "
+        "--backs infers others of a part; use `unseen complete` for rooms, plants and what stands in them",
     )
 
 

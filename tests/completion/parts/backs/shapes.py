@@ -72,7 +72,5 @@ def rounded(radius=0.006):
     y = y[~corner | (np.linalg.norm(y[:, [0, 2]] - middle, axis=1) < radius)]
     uv = grid(radius * np.pi / 2, BOX[1])
     angle = uv[:, 0] / radius
-    bend = np.column_stack(
-        [middle[0] + radius * np.cos(angle), uv[:, 1], middle[1] + radius * np.sin(angle)]
-    )
+    bend = np.column_stack([middle[0] + radius * np.cos(angle), uv[:, 1], middle[1] + radius * np.sin(angle)])
     return noisy(np.concatenate([x, y, z, bend]))

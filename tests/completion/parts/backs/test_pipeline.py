@@ -96,7 +96,9 @@ def test_a_rod_seen_from_one_side_goes_all_round():
 def test_a_fillet_is_not_turned_round():
     part = divided(rounded())
     back = seen(part)
-    bends = [label for label, fit in zip(part.labels, part.fits, strict=True) if fit.surface.kind == "cylinder"]
+    bends = [
+        label for label, fit in zip(part.labels, part.fits, strict=True) if fit.surface.kind == "cylinder"
+    ]
     assert len(bends) == 1
     assert [one for one in back.chosen if one.kind == "axis"] == []
 
