@@ -28,7 +28,7 @@ from completion.parts.backs.limits import (
 from completion.parts.backs.sample import Measured
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Plane, Surface
+from scenes.surfaces.catalogue import Plane, Sphere, Surface
 
 ORIGINS: dict[Provenance, int] = {"symmetry": 1, "turn": 2}
 _FEWEST = 8  # places of a face that is asserted
@@ -115,37 +115,34 @@ def assert_surface(
 ) -> tuple[Places, tuple[InferredFace, ...]]:
     """Return inferred places, none of which a scanner looked through or measured, and the faces they make."""
     names = np.array(labels)
+    n = len(measured.points)
     known = Places(
-        measured.points, measured.normals, measured.face, names[measured.face],
-        np.zeros(len(measured.points), np.uint8), measured.sd_m, np.ones(len(measured.points)),
+        points=measured.points, normals=measured.normals, face=measured.face, label=names[measured.face],
+        origin=np.zeros(n, np.uint8), sd_m=measured.sd_m, probability=np.ones(n),
     )  # fmt: skip
     turns = [_turned(measured, one, names) for one in chosen if one.kind == "axis"]
     turns = [_free_places(measured, one) for one in turns]
     base = Places.joined([known, *turns])
     found, surfaces = list(turns), dict[int, Surface](zip(labels, measured.surfaces, strict=True))
-    mirrors, following = [one for one in chosen if one.kind == "mirror"], max(labels) + 1
-    for n in range(1, len(mirrors) + 1):
-        for group in combinations(mirrors, n):
+    mirrors = [one for one in chosen if one.kind == "mirror"]
+    for size in range(1, len(mirrors) + 1):
+        for group in combinations(mirrors, size):
             likely = float(np.prod([one.probability for one in group]))
             if likely < least:
                 continue
             images = _free_places(measured, _mirrored(base, group, likely))
-            found.append(
-                _labelled(measured, Places.joined([known, *found]), images, surfaces, following, group)
-            )
-            following = max(surfaces) + 1
+            found.append(_labelled(measured, Places.joined([known, *found]), images, surfaces, group))
     every = Places.joined(found) if found else known.only(np.zeros(0, np.int64))
     every = every.only(one_a_cell(every.points, measured.spacing_m)) if len(every.points) else every
-    count = np.bincount(every.label, minlength=following) if len(every.label) else np.zeros(following, int)
-    every = every.only(count[every.label] >= _FEWEST)
+    every = every.only(np.bincount(every.label, minlength=1)[every.label] >= _FEWEST)
     return every, tuple(_faces(measured, names, every, surfaces))
 
 
 def _turned(measured: Measured, axis: Hypothesis, names: IntArray) -> Places:
     """The surfaces of an axis all round: each place of their profile that is measured far enough round.
 
-    Planes at right angles to it are turned between its surfaces; of them a ring of which a part was seen to
-    be open stays as measured: it has holes.
+    Spheres that touch these are turned too, and planes at right angles as far as these surfaces reach; a ring
+    of a plane of which a part was seen to be open stays as measured: it has holes.
     """
     group = [k for k, label in enumerate(names) if label in axis.surfaces]
     own = np.isin(measured.face, group)
@@ -156,16 +153,17 @@ def _turned(measured: Measured, axis: Hypothesis, names: IntArray) -> Places:
         if not len(members) or not is_about(measured, surface, axis.point, axis.direction):
             continue
         if k not in group:
-            members = members[radius[members] <= radius[own].max() + measured.spacing_m]
+            if isinstance(surface, Plane):
+                members = members[radius[members] <= radius[own].max() + measured.spacing_m]
             near = tree.query(measured.points[members])[0] <= REACH * measured.spacing_m
-            if near.sum() < _FEWEST or not isinstance(surface, Plane):
+            if near.sum() < _FEWEST or not isinstance(surface, Plane | Sphere):
                 continue
         cell = np.round(np.column_stack([radius, height])[members] / measured.spacing_m).astype(np.int64)
         _, first, of = np.unique(cell, axis=0, return_index=True, return_inverse=True)
         filled = np.zeros((len(first), N_SECTORS), np.bool_)
         filled[of.reshape(-1), sectors(measured.points[members], axis.point, axis.direction)] = True
         arc = filled.sum(axis=1)
-        least = HALF * (arc.max() if k in group else N_SECTORS)
+        least = HALF * (N_SECTORS if isinstance(surface, Plane) else arc.max())
         parts += [_ring(measured, place, axis, int(names[k])) for place in members[first[arc >= least]]]
     rings = Places.joined(parts)
     number = np.repeat(np.arange(len(parts)), [len(one.points) for one in parts])
@@ -193,8 +191,9 @@ def _ring(measured: Measured, place: int, axis: Hypothesis, label: int) -> Place
     normals = np.array([turn @ measured.normals[place] for turn in turns])
     face = np.full(n, measured.face[place])
     return Places(
-        points, normals, face, np.full(n, label), np.full(n, ORIGINS["turn"], np.uint8),
-        np.full(n, measured.sd_m[place]), np.full(n, axis.probability),
+        points=points, normals=normals, face=face, label=np.full(n, label),
+        origin=np.full(n, ORIGINS["turn"], np.uint8), sd_m=np.full(n, measured.sd_m[place]),
+        probability=np.full(n, axis.probability),
     )  # fmt: skip
 
 
@@ -229,7 +228,7 @@ def _free_places(measured: Measured, images: Places) -> Places:
 
 
 def _labelled(
-    measured: Measured, before: Places, images: Places, surfaces: dict[int, Surface], following: int,
+    measured: Measured, before: Places, images: Places, surfaces: dict[int, Surface],
     group: Sequence[Hypothesis],
 ) -> Places:  # fmt: skip
     """Images with the labels of the surfaces that they go on from, else with new ones, which are added."""
@@ -247,8 +246,8 @@ def _labelled(
             int(one) for one in touched if _is_one(measured, images.only(some), surfaces[int(one)], surface)
         ]
         if not same:
-            surfaces[following] = surface
-            same, following = [following], following + 1
+            same = [max(surfaces) + 1]
+            surfaces[same[0]] = surface
         label[some] = same[0]
     return replace(images, label=label)
 

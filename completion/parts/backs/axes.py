@@ -118,4 +118,4 @@ def _tested(
         "concave": float(is_concave(measured, largest)), "coaxial": float(np.log(len(group))),
     }  # fmt: skip
     names = tuple(labels[k] for k in group)
-    return Hypothesis("axis", point, direction, np.zeros((3, 3)), evidence, names)
+    return Hypothesis("axis", point, direction, np.zeros((3, 3)), evidence, surfaces=names)

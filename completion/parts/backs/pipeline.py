@@ -103,7 +103,8 @@ def find_back(
     try:
         measured = measured_of(part, eyes, sides)
     except InputError as error:
-        return PartBack((), (), None, (), f"no unseen side is inferred: {error}", eyes is not None)
+        told = f"no unseen side is inferred: {error}"
+        return PartBack((), (), places=None, faces=(), told=told, is_told=eyes is not None)
     found = [*find_mirrors(measured), *find_axes(measured, part.labels)]
     weighed = sorted(
         (replace(one, probability=probability(one)) for one in found), key=lambda one: -one.probability
@@ -112,7 +113,7 @@ def find_back(
     places, faces = assert_surface(measured, part.labels, chosen, least)
     told = _told(weighed, chosen, faces, least, measured.is_told)
     kept = places if len(places.points) else None
-    return PartBack(tuple(weighed), chosen, kept, faces, told, measured.is_told)
+    return PartBack(tuple(weighed), chosen, places=kept, faces=faces, told=told, is_told=measured.is_told)
 
 
 def _told(

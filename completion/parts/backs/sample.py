@@ -233,8 +233,9 @@ def measured_of(part: DividedPart, origins: FloatArray | None, normals: FloatArr
         sights = _sides(points, outward, size, depth)
     some = np.random.default_rng(0).permutation(len(points))[:N_POINTS]
     return Measured(
-        feet, outward, face, tuple(fit.surface for fit in part.fits), sd, tuple(sights),
-        origins is not None and not is_mesh, some, size, spacing, part.noise_m,
+        points=feet, normals=outward, face=face, surfaces=tuple(fit.surface for fit in part.fits), sd_m=sd,
+        sights=tuple(sights), is_told=origins is not None and not is_mesh, some=some, size_m=size,
+        spacing_m=spacing, noise_m=part.noise_m,
     )  # fmt: skip
 
 
