@@ -51,7 +51,7 @@ class Places:
     probability: FloatArray
 
     def only(self, some: IntArray | BoolArray) -> Places:
-        """Return some of them."""
+        """Return those of numbers (m,), or that are true of (n,)."""
         return Places(*(getattr(self, name)[some] for name in self.__slots__))
 
     @classmethod

@@ -44,7 +44,7 @@ def axis_of(surface: Surface) -> tuple[FloatArray, FloatArray]:
 
 
 def is_about(measured: Measured, surface: Surface, point: FloatArray, direction: FloatArray) -> bool:
-    """Tell whether turns about an axis map a surface into itself."""
+    """Tell whether turns about an axis, by a place (3,) and direction (3,), map a surface into itself."""
     near = SAME_OFFSET * measured.size_m
     if isinstance(surface, Plane):
         return bool(abs(surface.normal_direction @ direction) > np.cos(np.radians(COAXIAL_DEG)))

@@ -175,7 +175,7 @@ class Measured:
 
     @cached_property
     def kinds(self) -> IntArray:
-        """The kind of each surface as a number."""
+        """The kind (k,) of each surface as a number."""
         names = ("plane", "cylinder", "cone", "sphere", "torus")
         return np.array([names.index(one.kind) for one in self.surfaces], dtype=np.int64)
 
