@@ -31,6 +31,8 @@ def find_axes(measured: Measured, labels: tuple[int, ...]) -> list[Hypothesis]:
             and is_concave(measured, k) == is_concave(measured, first)
         ]  # fmt: skip
         todo = [k for k in todo if k not in group and k != first]
+        if not is_concave(measured, first) and _radius(measured, first) <= 2 * REACH * measured.spacing_m:
+            continue  # a fillet, or a pin that sampling does not tell from one
         one = _tested(measured, point, direction, np.array(sorted({first, *group})), labels)
         if LEAST_ARC <= one.evidence["arc"] < 1:
             found.append(one)
@@ -54,6 +56,13 @@ def is_about(measured: Measured, surface: Surface, point: FloatArray, direction:
         return bool(off <= near)
     turned = abs(axis_of(surface)[1] @ direction)
     return bool(off <= near and turned > np.cos(np.radians(COAXIAL_DEG)))
+
+
+def _radius(measured: Measured, face: int) -> float:
+    """The usual distance of a face from its axis, metres."""
+    point, direction = axis_of(measured.surfaces[face])
+    away = measured.points[measured.face == face] - point
+    return float(np.median(np.linalg.norm(away - (away @ direction)[:, None] * direction, axis=1)))
 
 
 def is_concave(measured: Measured, face: int) -> bool:
@@ -115,7 +124,19 @@ def _tested(
         "arc": len(np.unique(round_[0])) / N_SECTORS,
         "rim": len(np.unique(round_[1])) / N_SECTORS,
         "open": float((is_open & ~is_edge)[own][ends].mean()) if ends.any() else 1.0,
+        "lost": _lost_edges(measured, point, direction, group),
         "concave": float(is_concave(measured, largest)), "coaxial": float(np.log(len(group))),
     }  # fmt: skip
     names = tuple(labels[k] for k in group)
     return Hypothesis("axis", point, direction, np.zeros((3, 3)), evidence, surfaces=names)
+
+
+def _lost_edges(measured: Measured, point: FloatArray, direction: FloatArray, group: IntArray) -> float:
+    """Share of the edges of some surfaces that, turned about an axis, fall within measured surface."""
+    own = measured.edges[np.isin(measured.face[measured.edges], group)]
+    places = measured.points[own[:: -(-max(len(own), 1) // _MOST)]]
+    if not len(places):
+        return 0.0
+    angles = 2 * np.pi * np.arange(1, N_SECTORS) / N_SECTORS
+    every = np.concatenate([turned(places, point, direction, angle) for angle in angles])
+    return measured.edges_at(every)["lost"]

@@ -85,7 +85,7 @@ def features(one: Hypothesis) -> FloatArray:
         ])  # fmt: skip
     return np.array([
         1.0, np.log(e["matched"] + 0.03), np.log(refuted + 0.003), e["hidden"], e["arc"], e["rim"], e["open"],
-        e["concave"], e["coaxial"],
+        e["concave"], np.log(e["lost"] + 0.01), e["coaxial"],
     ])  # fmt: skip
 
 

@@ -248,8 +248,5 @@ def _edges(measured: Measured, point: FloatArray, direction: FloatArray) -> dict
     places = places[np.abs((places - point) @ direction) >= OFF_PLANE * measured.size_m]
     if not len(places):
         return {"edges": 0.0, "lost": 0.0}
-    isometry, reach = reflection(point, direction), REACH * measured.spacing_m
-    moved = places @ isometry[:, :3].T + isometry[:, 3]
-    on_edge = measured.edge_tree.query(moved)[0] <= reach
-    inside = (measured.tree.query(moved)[0] <= reach) & (measured.edge_tree.query(moved)[0] > 2 * reach)
-    return {"edges": float(on_edge.mean()), "lost": float(inside.mean())}
+    isometry = reflection(point, direction)
+    return measured.edges_at(places @ isometry[:, :3].T + isometry[:, 3])

@@ -158,6 +158,13 @@ class Measured:
         """The edges."""
         return cKDTree(self.points[self.edges])
 
+    def edges_at(self, places: FloatArray) -> dict[str, float]:
+        """Shares of moved edges (n, 3) that fall on edges, and within measured surface without one."""
+        reach = REACH * self.spacing_m
+        away = self.edge_tree.query(places)[0]
+        inside = (self.tree.query(places)[0] <= reach) & (away > 2 * reach)
+        return {"edges": float((away <= reach).mean()), "lost": float(inside.mean())}
+
     def see(self, points: FloatArray, normals: FloatArray, sd_m: FloatArray, kind: IntArray) -> Seen:
         """What speaks for surface of kinds (n,) at places (n, 3) with normals and standard deviations."""
         away, at = self.tree.query(points, distance_upper_bound=REACH * self.spacing_m)

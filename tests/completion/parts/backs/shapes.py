@@ -54,9 +54,9 @@ def stepped():
 
 
 def rod(radius=0.01, length=0.05):
-    """A rod along x as seen from +y +z, with the end at +x: two fifths of a turn."""
-    uv = grid(length, 0.8 * np.pi * radius)
-    angle = uv[:, 1] / radius + np.radians(45) - 0.4 * np.pi
+    """A rod along x as seen from +y +z, with the end at +x: nearly half a turn."""
+    uv = grid(length, 0.94 * np.pi * radius)
+    angle = uv[:, 1] / radius + np.arctan2(EYE[2], EYE[1]) - 0.47 * np.pi
     wall = np.column_stack([uv[:, 0], radius * np.cos(angle), radius * np.sin(angle)])
     disc = grid(2 * radius, 2 * radius) - radius
     disc = disc[np.linalg.norm(disc, axis=1) < radius]
@@ -74,3 +74,15 @@ def rounded(radius=0.006):
     angle = uv[:, 0] / radius
     bend = np.column_stack([middle[0] + radius * np.cos(angle), uv[:, 1], middle[1] + radius * np.sin(angle)])
     return noisy(np.concatenate([x, y, z, bend]))
+
+
+def rounded_end(radius=0.015, length=0.04, height=0.012):
+    """A flat bar along x with a half-round end at +x as seen from +x +y +z: top, side, most of the end."""
+    top = grid(length + radius, 2 * radius) - [0, radius]
+    top = top[(top[:, 0] < length) | (np.hypot(top[:, 0] - length, top[:, 1]) < radius)]
+    side = grid(length, height)
+    uv = grid(0.8 * np.pi * radius, height)
+    angle = np.pi / 2 - uv[:, 0] / radius
+    end = np.column_stack([length + radius * np.cos(angle), radius * np.sin(angle), uv[:, 1]])
+    flank = np.column_stack([side[:, 0], np.full(len(side), radius), side[:, 1]])
+    return noisy(np.concatenate([np.insert(top, 2, height, axis=1), flank, end]))
