@@ -180,7 +180,7 @@ def cells(found: list[ScoredBack]) -> list[str]:
     solids = [one for one in found if one.solid]
     right = sum(abs(one.volume - 1) < 0.05 for one in solids)
     return [
-        f"{np.mean([one.hidden for one in found]):.2f}", f"{len(asserted)} of {len(found)} scans",
+        f"{np.mean([one.hidden for one in found]):.2f}", f"{len(asserted)} in {len(found)} scans",
         str(sum(not two.is_true for two in asserted)), *shares, f"{recall:.2f}",
         f"{len(solids)} ({right} within 5 % of the volume)", f"{np.mean([one.seconds for one in found]):.1f}",
     ]  # fmt: skip

@@ -20,8 +20,8 @@ DEPTH = 0.002
 """Share of size by which a place lies before or behind measured surface; at least half a spacing."""
 SEEN_FROM = 0.97
 """Share of the surface that is seen from a side from which a scan may have been taken."""
-N_SIDES = 400
-"""Sides that are tried, evenly over the sphere."""
+N_SIDES, MOST_SIDES = 400, 12
+"""Sides that are tried, evenly over the sphere, and how many of those that show all are kept."""
 
 # Mirrors
 SAME_DEG, SAME_OFFSET = 1.0, 0.004

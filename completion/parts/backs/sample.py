@@ -13,6 +13,7 @@ from completion.parts.backs.limits import (
     DEPTH,
     GAP,
     MATCH_SD,
+    MOST_SIDES,
     N_NEAR,
     N_POINTS,
     N_SIDES,
@@ -247,7 +248,7 @@ def measured_of(part: DividedPart, origins: FloatArray | None, normals: FloatArr
 
 
 def _sides(points: FloatArray, normals: FloatArray, size: float, depth: float) -> list[Sight]:
-    """The sides from which all places (n, 3) with normals are seen.
+    """The sides, or some of many, from which all places (n, 3) with normals are seen.
 
     Raises InputError: there is none.
     """
@@ -265,7 +266,7 @@ def _sides(points: FloatArray, normals: FloatArray, size: float, depth: float) -
             f"no side shows all of its surface (at most {100 * fronts.max():.0f} % face one way), and the "
             "file does not tell where the scanners stood"
         )
-    return found
+    return found[:: -(-len(found) // MOST_SIDES)]
 
 
 def _tangents(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
