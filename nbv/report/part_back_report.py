@@ -83,7 +83,7 @@ def _faces(back: PartBack) -> Table:
 
 
 def back_pictures(part: Part, back: PartBack) -> tuple[Picture, ...]:
-    """Return pictures of measured and inferred surface: from the side that shows most of this, and across."""
+    """Return pictures from the sides that show most and least of inferred surface."""
     shown = shown_part(part)
     parts = [(shown.mesh.vertices, shown.mesh.faces, MEASURED)]
     if back.places is not None:
@@ -98,8 +98,8 @@ def back_pictures(part: Part, back: PartBack) -> tuple[Picture, ...]:
     best, least = cameras[int(np.argmax(share))], cameras[int(np.argmin(share))]
     caption = "Grey was measured, blue is inferred."
     return (
-        drawing.picture(best, "From the unseen side", caption),
-        drawing.picture(least, "From the side that was scanned", caption),
+        drawing.picture(best, "From the side that shows most of it.", caption),
+        drawing.picture(least, "From the side that shows least of it.", caption),
     )
 
 

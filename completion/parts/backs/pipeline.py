@@ -133,19 +133,21 @@ def _told(
             f"probability {best.probability:.2f} of {least:g} needed ({100 * e['matched']:.0f} % matched, "
             f"{100 * (e['free'] + e['beside']):.0f} % refuted, {100 * e['hidden']:.0f} % unseen){sights}"
         )
-    n_mirrors = sum(one.kind == "mirror" for one in chosen)
-    worst = min(one.probability for one in chosen)
-    n_axes = len(chosen) - n_mirrors
-    holds = f"{n_mirrors} mirror planes and {n_axes} axes hold with probability {worst:.2f} or more"
+    n_mirrors, worst = sum(one.kind == "mirror" for one in chosen), min(one.probability for one in chosen)
+    counts = _count(n_mirrors, "mirror plane"), _count(len(chosen) - n_mirrors, "axis", "axes")
+    named = [text for text in counts if not text.startswith("0 ")]
+    holds = f"{' and '.join(named)} with probability {worst:.2f} or more"
     if not faces:
-        return (
-            f"no unseen side is inferred: {holds}, but all that they imply was measured or is refuted{sights}"
-        )
+        return f"no unseen side is inferred: all that {holds} would imply was measured or is refuted{sights}"
     area, names = 1e4 * sum(face.area_m2 for face in faces), {face.label: face.is_new for face in faces}
     return (
-        f"{holds}; they imply {area:.3g} cm2 of unseen surface on {len(names)} faces, {sum(names.values())} "
-        f"of them new{sights}"
+        f"inferred from {holds}: {area:.3g} cm2 of unseen surface on {_count(len(names), 'face')}, "
+        f"{sum(names.values())} new{sights}"
     )
+
+
+def _count(n: int, singular: str, plural: str = "") -> str:
+    return f"{n} {singular if n == 1 else plural or singular + 's'}"
 
 
 def _article(one: Hypothesis) -> str:
