@@ -31,6 +31,7 @@ _MODULES = (
     "free_space", "confidence", "hidden_by_other_scans", "online", "bunny", "survey", "paper_study",
     "walks", "asbuilt", "asbuilt_real", "next_stations", "placement", "profiles", "model_meshes",
     "bulk_scans", "object_views", "aware_views", "backs", "things", "covered_things", "review",
+    "part_backs",
 )  # fmt: skip
 app = typer.Typer(add_completion=False, no_args_is_help=True, help="Benchmarks of unseen; see docs/guides.")
 _suites = typer.Typer(add_completion=False, no_args_is_help=True)

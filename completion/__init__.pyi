@@ -39,6 +39,7 @@ from .merging.scan_surfaces import SurfaceOptions as SurfaceOptions
 from .observe.tolerance import EvidenceOptions as EvidenceOptions
 from .observe.tolerance import Tolerance as Tolerance
 from .options import CompletionOptions as CompletionOptions
+from .parts.backs.pipeline import PartBack as PartBack
 from .parts.closing import ClosedPart as ClosedPart
 from .parts.dimensions.dimension import PartDimensions as PartDimensions
 from .parts.files import write_part as write_part

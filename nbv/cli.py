@@ -280,7 +280,7 @@ COMMANDS = {
         "Surfaces of a part, and the relations between them.",
         "Divide a part into planes, spheres, cylinders, cones and tori: part.json, part.ply, report.html.\n\n"
         "Relations between them (parallel, coaxial, equal radii) are inferred, tested and imposed: "
-        "relations.json.",
+        "relations.json. --backs infers sides that no scan saw: backs.ply.",
         ("unseen part bracket.stl --units mm --export step -o out/bracket",),
         idle=("threads",),
     ),

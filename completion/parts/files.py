@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files of a part: part.json, dimensions.csv, relations.json and part.ply."""
+"""Files of a part: part.json, dimensions.csv, relations.json, part.ply and backs.ply."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from completion.export.step.pipeline import StepModel
 from completion.flattening.flat import flat_record
+from completion.parts.backs.assertion import Places
+from completion.parts.backs.pipeline import PartBack
 from completion.parts.closing import ClosedPart
 from completion.parts.dimensions.dimension import PartDimensions
 from completion.parts.dimensions.pipeline import dimensions_of
@@ -44,6 +46,7 @@ def write_part(
     flat: FlatPart | None = None,
     step: StepModel | None = None,
     closed: ClosedPart | None = None,
+    back: PartBack | None = None,
     dimensions: PartDimensions | None = None,
     profiles: Sequence[Profile] = (),
     title: str = "part",
@@ -69,6 +72,8 @@ def write_part(
         where it has features.
     closed : ClosedPart, optional
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
+    back : PartBack, optional
+        Its unseen sides (`find_back`): backs.ply with measured and inferred points, if any was inferred.
     dimensions : PartDimensions, optional
         Its dimensions (`dimensions_of`), where they are at hand.
     profiles : sequence of Profile
@@ -95,6 +100,10 @@ def write_part(
             record["closing"] = closing_record(closed)
             if closed.n_closed:
                 _write_closed(closed, stage)
+        if back is not None:
+            record["backs"] = back.record()
+            if back.places is not None:
+                _write_back(part, back.places, stage)
         if step is not None:
             write_bytes(stage.path("part.step"), step.data)
             if step.feature_data is not None:
@@ -138,6 +147,24 @@ def _write_closed(closed: ClosedPart, stage: Stage) -> None:
     write_mesh_ply(
         stage.path("closed.ply"), closed.points, closed.faces, None, legend, face_properties=record
     )
+
+
+def _write_back(part: Part, places: Places, stage: Stage) -> None:
+    """Write measured points and those of unseen sides, apart by their state."""
+    n = len(part.points)
+    channels = {
+        "surface": np.concatenate([part.surface, places.label.astype(np.int32)]),
+        "state": (np.arange(n + len(places.points)) >= n).astype(np.uint8),
+        "origin": np.concatenate([np.zeros(n, np.uint8), places.origin]),
+        "probability": np.concatenate([np.ones(n, np.float32), places.probability.astype(np.float32)]),
+        "sd": np.concatenate([np.full(n, part.noise_m, np.float32), places.sd_m.astype(np.float32)]),
+    }
+    legend = [
+        *_LEGEND, "state 0 measured", "state 1 inferred: nobody measured it, a symmetry implies it",
+        "origin 0 measured, 1 symmetry, 2 turn",
+    ]  # fmt: skip
+    points = np.concatenate([part.points, places.points])
+    write_mesh_ply(stage.path("backs.ply"), points, None, channels, legend)
 
 
 def closing_record(closed: ClosedPart) -> dict[str, Any]:

@@ -9,9 +9,10 @@ import numpy as np
 
 from completion.export.step.feature_tree import FaceGroup
 from completion.export.step.kernel import kernel
-from completion.export.step.pipeline import StepModel, step_of
+from completion.export.step.pipeline import FILLED, StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, RegionMesh, part_regions
 from completion.fitting.result import SurfaceFit
+from completion.parts.backs.pipeline import PartBack
 from completion.parts.closing import close_holes
 from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.division.divided_part import DividedPart, RelatedPart, surface_points
@@ -25,14 +26,17 @@ _LEAST_SAMPLES = 30  # of a surface; where there are fewer, its triangles' middl
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
 
-def step_model(part: DividedPart, name: str = "part", features: Sequence[PartFeature] = ()) -> StepModel:
+def step_model(
+    part: DividedPart, name: str = "part", features: Sequence[PartFeature] = (), back: PartBack | None = None
+) -> StepModel:
     """Return a part as STEP; see `step_of`.
 
-    `features` (`features_of`) are in the names of faces, and a tree in a second file.
+    `features` (`features_of`) are in the names of faces, and a tree in a second file. Of a part scanned from
+    one side `back` (`find_back`) adds inferred faces: they say so in name, layer and colour.
 
     Raises InputError: OCP is not installed, the part has no surface, or none can be trimmed.
     """
-    return step_of(regions_of(part), name, [_group(feature) for feature in features])
+    return step_of(regions_of(part, back), name, [_group(feature) for feature in features])
 
 
 def named_model(part: RelatedPart, name: str) -> StepModel:
@@ -47,8 +51,8 @@ def _group(feature: PartFeature) -> FaceGroup:
     return FaceGroup(feature.title, feature.name, feature.surfaces, parts)
 
 
-def regions_of(part: DividedPart) -> PartRegions:
-    """Return the regions of a part: its points, or points on its triangles.
+def regions_of(part: DividedPart, back: PartBack | None = None) -> PartRegions:
+    """Return the regions of a part: its points, or points on its triangles, and those of its unseen sides.
 
     A model's mesh has no gaps of its own: those that lie on one surface are closed on it (`close_holes`).
 
@@ -63,10 +67,14 @@ def regions_of(part: DividedPart) -> PartRegions:
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
     region = place[np.maximum(label, 0)]
+    if back is not None and back.places is not None:
+        return _with_back(part, back, points, label)
     closed = close_holes(part) if part.is_model else None
     filled = set() if closed is None else set(closed.surface[closed.is_inferred].tolist())
     regions = [
-        FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group, number in filled)
+        FittedRegion(
+            number, fit.surface, _deviation(fit, points[region == k]), group, FILLED * (number in filled)
+        )
         for k, (number, fit, group) in enumerate(zip(part.labels, part.fits, part.groups, strict=True))
     ]
     mesh = None
@@ -75,6 +83,31 @@ def regions_of(part: DividedPart) -> PartRegions:
     elif part.is_model and part.faces is not None and part.triangle_surface is not None:
         mesh = _region_mesh(part.points, part.faces, place[part.triangle_surface])
     return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m, mesh=mesh)
+
+
+def _with_back(part: DividedPart, back: PartBack, points: FloatArray, label: IntArray) -> PartRegions:
+    """Regions of measured points (n, 3) with labels (n,), and of inferred ones."""
+    places = back.places
+    last = max((*part.labels, *(face.label for face in back.faces)))
+    n_measured = np.bincount(np.maximum(label, 0), minlength=last + 1)
+    if places is not None:
+        points, label = np.concatenate([points, places.points]), np.concatenate([label, places.label])
+    count = np.bincount(np.maximum(label, 0), minlength=last + 1)
+    regions, why = list[FittedRegion](), dict[int, list[str]]()
+    for face in back.faces:
+        why.setdefault(face.label, []).append(f"inferred by {face.provenance}, p {face.probability:.2f}")
+    for number, fit, group in zip(part.labels, part.fits, part.groups, strict=True):
+        sd, share = _deviation(fit, points[label == number]), n_measured[number] / max(int(count[number]), 1)
+        regions.append(
+            FittedRegion(number, fit.surface, sd, group, ", ".join(why.get(number, [])), measured_share=share)
+        )
+    for face in {face.label: face for face in back.faces if face.is_new}.values():
+        text = ", ".join(why[face.label])
+        regions.append(FittedRegion(face.label, face.surface, face.sd_m, inferred=text, measured_share=0.0))
+    place = np.full(len(count), -1, dtype=np.int64)
+    place[[one.number for one in regions]] = np.arange(len(regions))
+    region = place[np.maximum(label, 0)]
+    return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m)
 
 
 def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> RegionMesh:
@@ -101,7 +134,7 @@ def outcome_lines(model: StepModel) -> Sequence[str]:
     lines = [f"step       {_count(n_faces, 'face')} of {_count(len(model.faces), 'surface')}, {what}"]
     left = [face for face in model.faces if face.reason] if model.is_solid else []
     sentences = [f"surface {outcome.number} ({outcome.kind}) is {outcome.reason}" for outcome in left]
-    filled = [face.number for face in model.faces if face.is_filled]
+    filled = [face.number for face in model.faces if FILLED in face.inferred]
     if filled:
         numbers = ", ".join(map(str, filled))
         sentences.append(

@@ -13,6 +13,7 @@ import numpy as np
 from completion.export.step.kernel import kernel
 from completion.export.step.pipeline import StepModel
 from completion.flattening.flat import RegionKind
+from completion.parts.backs.pipeline import PartBack, find_back
 from completion.parts.closing import close_holes
 from completion.parts.dimensions.dimension import PartDimensions
 from completion.parts.dimensions.pipeline import dimensions_of
@@ -58,7 +59,8 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         dimensions = dimensions_of(part, preferred=request.preferred != "off")
         run.warn(dimensions.doubts)
         features = features_of(part, dimensions, profiles)
-        step = _as_step(part, features, request, run) if "step" in request.exports else None
+        back = _find_back(part, held, request, run) if request.backs else None
+        step = _as_step(part, features, back, request, run) if "step" in request.exports else None
         run.watch.enter("save")
         write_part(
             part,
@@ -68,6 +70,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
             flat=flat,
             step=step,
             closed=closed,
+            back=back,
             dimensions=dimensions,
             profiles=profiles,
             title=Path(request.shape).stem,
@@ -79,6 +82,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
             part,
             Path(request.shape).name,
             flat,
+            back=back,
             dimensions=dimensions,
             profiles=profiles,
             features=features,
@@ -86,8 +90,10 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.report(page, request.record())
         record = {} if step is None else {"step": step.record()}
         record |= {} if closed is None else {"closing": closing_record(closed)}
+        record |= {} if back is None else {"backs": back.record()}
         lines = lines_of(part, flat) + lines_of_dimensions(dimensions, request.preferred)
         lines += [*profile_lines(profiles), f"features   {features_text(features)}"]
+        lines += [] if back is None else [f"unseen     {back.told}"]
         lines += [] if step is None else list(outcome_lines(step))
         told = {**summary_of(part, flat), "dimensions": dimension_records(dimensions), **record}
         told["features"] = [one.record() for one in features]
@@ -136,11 +142,19 @@ def _flatten_part(part: Part, request: PartOptions, run: Any) -> FlatPart:
         raise InputError(f"{Path(request.shape).name}: {error}{doubts}") from None
 
 
-def _as_step(part: Part, features: Sequence[PartFeature], request: PartOptions, run: Any) -> StepModel:
-    """The part as STEP, with its features."""
+def _find_back(part: Part, held: PartFile, request: PartOptions, run: Any) -> PartBack:
+    """The unseen sides of the part, as far as its symmetries imply them."""
+    run.watch.enter("backs")
+    return find_back(part, origins=held.origins, normals=held.normals, least=request.least)
+
+
+def _as_step(
+    part: Part, features: Sequence[PartFeature], back: PartBack | None, request: PartOptions, run: Any
+) -> StepModel:
+    """The part as STEP, with its features and unseen sides."""
     run.watch.enter("step")
     try:
-        return step_model(part, Path(request.shape).stem, features)
+        return step_model(part, Path(request.shape).stem, features, back)
     except InputError as error:
         raise InputError(f"{Path(request.shape).name}: {error}") from None
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.backs.pipeline import PartBack
 from completion.parts.dimensions.dimension import PartDimensions
 from completion.parts.dimensions.table import basis_text, preferred_text, symbol_text, value_text
 from completion.parts.flat_part import FlatPart
@@ -26,6 +27,7 @@ from nbv.report.blocks.surface_tables import FlatRow, flattening_blocks, relatio
 from nbv.report.figures.part_drawing import PartDrawing, dimension_pictures, height_pictures, part_pictures
 from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
+from nbv.report.part_back_report import back_sections
 from nbv.report.viewer.part_view import part_view, shown_part
 from nbv.run.wording import count, percent
 from scenes.checks import FloatArray
@@ -157,11 +159,12 @@ def part_page(
     title: str,
     flat: FlatPart | None = None,
     *,
+    back: PartBack | None = None,
     dimensions: PartDimensions | None = None,
     profiles: Sequence[Profile] = (),
     features: Sequence[PartFeature] = (),
 ) -> Page:
-    """Return the report of a part, flattened where it was, of its dimensions, features and profiles."""
+    """Return the report of a part, flattened where it was, of its unseen sides, dimensions and profiles."""
     what = "vertices" if part.faces is not None else "points"
     share = float(np.mean(part.surface > 0)) if len(part.surface) else 0.0
     graph = part.relations
@@ -188,6 +191,7 @@ def part_page(
         bar=None,
         sections=(
             PageSection("The part by surface", _view(part)),
+            *(() if back is None else back_sections(part, back)),
             *(() if dimensions is None else (PageSection("Dimensions", dimension_blocks(part, dimensions)),)),
             *((PageSection("Features", (_feature_table(features),)),) if features else ()),
             *_drawing(profiles, title),

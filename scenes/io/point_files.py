@@ -248,6 +248,8 @@ class PartFile(ArrayValue):
         The mesh, where it is one.
     normals : (n, 3) float, optional
         Of points, where the file holds one for each.
+    origins : (n, 3) float, optional
+        Of points, where the scanner stood that measured each, metres; None where the file does not tell.
     label : (n,) int, optional
         What the file calls the surface of each point; 0 and less for none.
     rows, n_rows : (n,) int or None, int
@@ -262,6 +264,7 @@ class PartFile(ArrayValue):
     n_rows: int
     mesh: LabelledMesh | None = None
     normals: FloatArray | None = None
+    origins: FloatArray | None = None
     label: IntArray | None = None
     rows: IntArray | None = None
     warnings: tuple[str, ...] = ()
@@ -284,6 +287,7 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
     return PartFile(
         points=cloud.points,
         normals=normals,
+        origins=cloud.origins,
         label=cloud.label,
         rows=cloud.rows,
         n_rows=cloud.n_rows,
@@ -316,8 +320,8 @@ def _one_sided(cloud: PointCloud) -> tuple[str, ...]:
         return ()
     near, far = np.quantile(np.linalg.norm(cloud.points - cloud.origins[0], axis=1), (0, 1))
     return (
-        f"all points were measured from one place, {near:.2g} to {far:.2g} m away, and show one side: use "
-        "`unseen complete` for rooms, plants and what stands in them",
+        f"all points were measured from one place, {near:.2g} to {far:.2g} m away, and show one side: "
+        "--backs infers others of a part; use `unseen complete` for rooms, plants and what stands in them",
     )
 
 

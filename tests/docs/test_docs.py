@@ -110,4 +110,4 @@ def test_undefined_substitutions_are_found():
 def test_guides_are_short_and_the_documentation_too():
     words = {page: len(page.read_text("utf-8").split()) for page in ROOT.glob("docs/**/*.md")}
     assert [page.name for page, n in words.items() if page.parent.name == "guides" and n > 1500] == []
-    assert sum(n for page, n in words.items() if page.parent.name != "results") <= 45_000
+    assert sum(n for page, n in words.items() if page.parent.name != "results") <= 48_000

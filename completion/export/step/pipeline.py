@@ -55,8 +55,8 @@ class FaceOutcome(Value):
         Where the face ends without a neighbour, as its measurement does, millimetres.
     extended : tuple of int
         Numbers of surfaces without a face that this one was extended across.
-    is_filled : bool
-        Whether the mesh had holes in this surface, which were closed on it.
+    inferred : str
+        What of it was not measured and why it is there, as of `FittedRegion`.
     """
 
     number: int
@@ -66,12 +66,12 @@ class FaceOutcome(Value):
     sd_m: float
     open_at: FloatArray | None = None
     extended: tuple[int, ...] = ()
-    is_filled: bool = False
+    inferred: str = ""
 
     @property
     def is_guessed(self) -> bool:
         """Whether it goes on where nothing was measured, but for gaps as between points."""
-        return self.measured_share < MEASURED or bool(self.extended) or self.is_filled
+        return self.measured_share < MEASURED or bool(self.extended or self.inferred)
 
     @property
     def is_open(self) -> bool:
@@ -150,6 +150,8 @@ class StepModel(Value):
         }
 
 
+FILLED = "gap in the mesh inferred"
+"""What a face says whose surface closed a hole of the mesh."""
 _MOST_TOLD = 3
 _SMALL = (12, 30, 100)  # points, and share of all, of a region that may be left out
 _FAULTS = "the geometry kernel finds faults in the shape"
@@ -210,7 +212,9 @@ def _mended(parts: PartRegions, best: _Attempt, torn: Sequence[int]) -> tuple[Pa
     again = _attempt(apart)
     if any(outcome.reason or outcome.is_open for outcome in again.outcomes):
         return parts, best
-    told = [replace(one, is_filled=one.is_filled or one.number in torn) for one in again.outcomes]
+    told = [
+        replace(one, inferred=one.inferred or FILLED) if one.number in torn else one for one in again.outcomes
+    ]
     return apart, again._replace(outcomes=tuple(told))
 
 
@@ -282,10 +286,10 @@ def _attempt(parts: PartRegions) -> _Attempt:
             region.number,
             region.surface.kind,
             faces.reason,
-            faces.measured,
+            faces.measured * region.measured_share,
             sd_m=region.sd_m,
             open_at=ends_at,
-            is_filled=region.is_filled,
+            inferred=region.inferred,
         )
         for region, faces, ends_at in zip(parts.regions, trimmed, open_at, strict=True)
     )
@@ -416,8 +420,8 @@ def _name(outcome: FaceOutcome, features: str) -> str:
     guess = ", rest inferred" if outcome.measured_share < MEASURED else ""
     if outcome.extended:
         guess += f", extended across surface {', '.join(map(str, outcome.extended))}"
-    if outcome.is_filled:
-        guess += ", gap in the mesh inferred"
+    if outcome.inferred:
+        guess += f", {outcome.inferred}"
     measured = f"{100 * outcome.measured_share:.0f} % measured"
     of = f", {features}" if features else ""
     return f"surface {outcome.number} {outcome.kind}{of}, {measured}{guess}, {sd}{end}"

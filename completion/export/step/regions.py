@@ -33,15 +33,18 @@ class FittedRegion:
         Standard deviation of the surface along its normal over the region, metres.
     group : int
         Regions with equal numbers lie on one surface.
-    is_filled : bool
-        Whether a mesh had holes within it, which were closed.
+    inferred : str
+        What of it was not measured and why it is there, in words; empty where there is none.
+    measured_share : float
+        Share of its points that was measured.
     """
 
     number: int
     surface: Surface
     sd_m: float = 0.0
     group: int = -1
-    is_filled: bool = False
+    inferred: str = ""
+    measured_share: float = 1.0
 
 
 def place_text(point: FloatArray) -> str:
@@ -215,13 +218,7 @@ def join_regions(parts: PartRegions) -> PartRegions:
     between = np.sort(new[parts.between], axis=1)
     differ = between[:, 0] != between[:, 1]
     return PartRegions(
-        regions=tuple(
-            replace(
-                parts.regions[k],
-                is_filled=any(one.is_filled for one, to in zip(parts.regions, heads, strict=True) if to == k),
-            )
-            for k in kept
-        ),
+        regions=tuple(_joined(parts, [one for one, to in enumerate(heads) if to == k], k) for k in kept),
         points=parts.points,
         region=new[parts.region],
         contacts=parts.contacts[differ],
@@ -231,6 +228,17 @@ def join_regions(parts: PartRegions) -> PartRegions:
         mesh=None
         if parts.mesh is None
         else parts.mesh._replace(region=np.append(new, -1)[parts.mesh.region]),
+    )
+
+
+def _joined(parts: PartRegions, members: Sequence[int], head: int) -> FittedRegion:
+    """The region of a place with others that are pieces of it."""
+    some = [parts.regions[k] for k in members]
+    n = np.array([(parts.region == k).sum() for k in members])
+    return replace(
+        parts.regions[head],
+        inferred=", ".join(dict.fromkeys(one.inferred for one in some if one.inferred)),
+        measured_share=float(n @ [one.measured_share for one in some] / max(int(n.sum()), 1)),
     )
 
 

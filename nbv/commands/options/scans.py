@@ -74,13 +74,9 @@ class CompleteOptions(UserOptions):
     )  # fmt: skip
     flatten: bool = option("--flatten", "Remove the ripple of planes, but keep their relief.", False)
     backs: bool = option(
-        "--backs", "Separate the things in the room, and close each behind what was seen by its symmetries.",
-        False,
-    )  # fmt: skip
-    least: float = option(
-        "--least", "Probability from which a symmetry counts as inferred surface, for --backs.", 0.8,
-        metavar="P", limits=NumberRange(least=0.5, most=1.0),
-    )  # fmt: skip
+        "--backs", "Infer the sides that no scan saw: of each thing in the room, by its symmetries.", False
+    )
+    least: float = copy(shared.LEAST)
     search: Literal["auto", "exact", "budget", "off"] = option(
         "--texture", "Texture of inferred area: exact search, quicker within a budget, auto by the hidden "
         "area, or off.", "auto",

@@ -89,6 +89,10 @@ class PartOptions:
     preferred: Literal["off", "tell", "impose"] = option(
         "--preferred", "Round numbers, inch fractions and holes for threads that dimensions may mean.", "tell"
     )
+    backs: bool = option(
+        "--backs", "Infer the sides that no scan saw: from mirror planes and axes of the surfaces.", False
+    )
+    least: float = copy(shared.LEAST)
     flatten: bool = output_option(
         "--flatten", "Remove the ripple of planes, but keep their relief: flat.ply.", False
     )

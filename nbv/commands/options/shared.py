@@ -47,6 +47,10 @@ NOISE = option(
 UP = input_option("--up", "Up axis of the file.", None, shown="z; y of GLB and glTF")
 SCAN_UP = input_option("--up", "Up axis of the file; auto: estimated and reported.", "auto")
 UNITS = input_option("--units", "Length unit of the file; `us-ft` is the US survey foot.", "m")
+LEAST = option(
+    "--least", "Probability from which a symmetry counts as inferred surface: for --backs.", 0.8, metavar="P",
+    limits=NumberRange(least=0.5, most=1.0),
+)  # fmt: skip
 SCHEDULER = run_option(
     "--scheduler", "Address of a dask.distributed scheduler, or local:N for N processes here.", None,
     metavar="ADDRESS", shown="this process",

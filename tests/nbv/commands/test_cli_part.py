@@ -9,8 +9,15 @@ import trimesh
 from typer.testing import CliRunner
 
 from nbv.cli import app
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor, View
 from scenes.io.meshes.ply import read_mesh_ply
 from scenes.io.meshes.ply_writer import write_mesh_ply
+from scenes.io.point_files import read_points
+from scenes.io.scan_files import write_scan
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.pose import Pose
+from scenes.world.scene import Scene
 from tests.helpers.long_cases import first_in_gate
 from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
@@ -270,3 +277,53 @@ def test_what_cannot_be_flattened_is_told_in_one_line(folder, file, reason):
     assert reason in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not (folder / "failed" / "flat.ply").exists()
+
+
+@pytest.fixture(scope="module")
+def one_side(tmp_path_factory):
+    """A scan of a box of 6 x 4 x 3 cm from above one corner, and what `--backs` makes of it."""
+    here = tmp_path_factory.mktemp("one_side")
+    mesh = trimesh.creation.box((0.06, 0.04, 0.03))
+    labelled = LabelledMesh(mesh.vertices, mesh.faces.astype(np.int32), np.zeros(len(mesh.faces), np.int32))
+    scene = Scene(labelled, (None,), ("box",), "box", "object")
+    sensor = PinholeSensor(fov_deg=25, width=130, height=130, min_range_m=0.01, max_range_m=1.0)
+    view = View(Pose.looking_at([0.14, 0.16, 0.15], [0, 0, 0]), sensor)
+    write_scan(scan_scene(scene, view), here / "scan.pcd")
+    result = run(here / "scan.pcd", "--noise", "2e-5", "--backs", "-o", here / "out", "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout), here / "out"
+
+
+def test_backs_keeps_measured_and_inferred_apart(one_side):
+    summary, out = one_side
+    told = json.loads((out / "part.json").read_text("utf-8"))
+    backs = told["backs"]
+    assert summary["backs"]["told"] == backs["told"]
+    assert backs["viewpoints_known"] is True
+    assert sum(one["asserted"] for one in backs["hypotheses"]) == 3
+    assert {face["state"] for face in backs["faces"]} == {"inferred"}
+    assert backs["inferred_m2"] == pytest.approx(0.0054, rel=0.15)
+    assert len(told["surfaces"]) == 3
+    cloud = read_points(out / "backs.ply")
+    measured = read_points(out / "part.ply")
+    assert len(cloud.points) > 1.5 * len(measured.points)
+    assert np.allclose(cloud.points[: len(measured.points)], measured.points)
+    halves = np.array([0.06, 0.04, 0.03]) / 2
+    assert np.abs(np.abs(cloud.points) - halves).min(axis=1).max() < 1e-3
+    assert "Unseen sides" in (out / "report.html").read_text("utf-8")
+
+
+def test_least_decides_what_is_inferred_and_one_sentence_says_why_nothing_is(one_side):
+    scan = one_side[1].parent / "scan.pcd"
+    result = run(scan, "--noise", "2e-5", "--backs", "--least", "1", "-o", scan.parent / "strict")
+    assert result.exit_code == 0, result.output
+    assert "no unseen side is inferred: the best of" in result.stdout
+    assert not (scan.parent / "strict" / "backs.ply").exists()
+
+
+def test_points_without_scanner_or_sides_are_not_completed(folder):
+    result = run(folder / "corner.npz", "--backs", "-o", folder / "no_sides")
+    assert result.exit_code == 0, result.output
+    assert "neither where the scanner stood nor which side of the surface it saw" in " ".join(
+        result.stdout.split()
+    )

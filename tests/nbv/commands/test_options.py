@@ -45,7 +45,7 @@ DOCUMENTED = {
     "depth-scale poses trajectory units=m up=auto",
     "texture": "mask grow window order=paper surface",
     "fit": "shape=auto metric=euclidean robust rays origin radius axis between export units=m",
-    "part": "relations=auto sigma ignore-labels preferred=tell flatten export units=m",
+    "part": "relations=auto sigma ignore-labels preferred=tell backs least=0.8 flatten export units=m",
     "feature": "find given evaluations=200000 origin intrinsics depth-scale poses trajectory units=m up=auto",
     "register": "upright poses check level=0.01 origin intrinsics depth-scale units=m up=auto",
     "info": "up units=m intrinsics depth-scale trajectory",

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Unseen sides of parts, by mirror planes and axes of their surfaces."""
