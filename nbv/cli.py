@@ -14,11 +14,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from importlib import import_module
 from inspect import Parameter, Signature
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from nbv.commands.defaults import project_defaults
 from nbv.commands.options import planning, scans, shapes, shared
 from nbv.commands.options.shared import Shared
 from nbv.commands.typed import OLD_NAMES, Typed, put_right
@@ -411,6 +413,21 @@ def _jobs(
 ) -> None:
     if context.invoked_subcommand is None:
         typer.echo(_JOBS)
+    else:
+        context.default_map = project_defaults(Path.cwd(), _option_names(context.command))
+
+
+def _option_names(commands: Any) -> dict[str, dict[str, str]]:
+    """For each command the parameters of its options by their long names."""
+    return {
+        name: {
+            flag.removeprefix("--"): parameter.name
+            for parameter in command.params
+            for flag in parameter.opts
+            if flag.startswith("--")
+        }
+        for name, command in commands.commands.items()
+    }
 
 
 for _name, _command in COMMANDS.items():
