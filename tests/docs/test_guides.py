@@ -29,7 +29,6 @@ def blocks_of(page, language):
 
 
 NOT_RUN = {
-    "cluster": "it needs a scheduler",
     "studies": "it reads a study file of the reader's",
 }
 """Pages whose Python is not run, with the reason."""
