@@ -23,10 +23,10 @@ from nbv.commands.options.scans import CompleteOptions
 from nbv.commands.options.shared import ReadOptions, Shared
 from nbv.commands.process import start_run
 from nbv.commands.review import EDITS, open_session, restored, save
-from nbv.report.viewer.encoding import encode_view
 from nbv.report.review.asking import rectangle, snaps_at
 from nbv.report.review.session import ReviewSession, Statement
 from nbv.report.review.view import first_view, view_after
+from nbv.report.viewer.encoding import encode_view
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.plane import Plane
 

@@ -14,11 +14,11 @@ from completion.asbuilt.findings import Verdict
 VERDICT_COLOURS: Mapping[Verdict, str] = {
     "within": "#35b779",
     "deviates": "#d1331e",
-    "undecided": "#f2b632",
+    "undecided": "#fbcf4f",
     "missing": "#8a1c7c",
-    "hidden": "#7d868c",
-    "not seen": "#d3d8da",
-    "not tested": "#eef1f2",
+    "hidden": "#737b81",
+    "not seen": "#abb2b6",
+    "not tested": "#f1f4f5",
 }
 EXTRA_COLOUR = "#2f62c4"
 

@@ -289,7 +289,7 @@ def dimension_blocks(part: Part, dimensions: PartDimensions) -> tuple[Block, ...
         for number, row in enumerate(dimensions.rows[:_MOST_ROWS], start=1)
     ]
     columns = (
-        "Number", "Dimension", "#value, 95 % interval", "Of surfaces", "Known from", "Note",
+        "Number", "Dimension", "#value with 95 % interval, unit", "Of surfaces", "Known from", "Note",
         "Preferred value, a hypothesis", "#its probability, %",
     )  # fmt: skip
     note = (
@@ -371,8 +371,8 @@ def _surface_blocks(part: Part) -> tuple[Block, ...]:
             )
         )
     columns = (
-        "Surface", "Kind", "#points", "#rms, mm", "#size as measured", "#size with relations", "#moved, sd",
-        "On one surface with",
+        "Surface", "Kind", "#points", "#rms, mm", "#size as measured, mm or \u00b0",
+        "#size with relations, mm or \u00b0", "#moved, standard deviations", "On one surface with",
     )  # fmt: skip
     note = (
         "rms: distance of the points from the surface as measured. size: radius (R), radius of a torus' tube "

@@ -147,7 +147,7 @@ def _sets_table(results: Sequence[SetResult]) -> Table:
         )  # fmt: skip
     columns = (
         "Scene", "Sensor", "Poses", "Requirement", "#Seed", "#scans", "#minutes",
-        "#bias, mm", "#sd, mm", "#95 %, mm", "#mixed, %", "#lost, %", "points per m\u00b2",
+        "#bias, mm", "#standard deviation, mm", "#95 %, mm", "#mixed, %", "#lost, %", "points per m\u00b2",
         "#seen, %", "#met, %",
     )  # fmt: skip
     return drop_constant_columns(columns, rows, n_fixed=5)
@@ -215,7 +215,7 @@ def _scans_table(results: Sequence[SetResult]) -> Table:
         )
     columns = (
         "Scene", "Sensor", "Poses", "Requirement", "#Seed", "#Scan", "At, m", "#points", "#bias, mm",
-        "#sd, mm", "#95 %, mm", "#mixed, %", "#lost, %", "#seen, %", "#met, %",
+        "#standard deviation, mm", "#95 %, mm", "#mixed, %", "#lost, %", "#seen, %", "#met, %",
     )  # fmt: skip
     return Table(columns, tuple(rows), f"All {len(rows)} scans", is_folded=True)
 

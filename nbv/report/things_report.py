@@ -62,7 +62,7 @@ def _table(things: Sequence[ClosedThing]) -> Table:
     """A row for each thing."""
     columns = (
         "Thing", "#width, m", "#depth, m", "#height, m", "Why that depth", "#volume, m\u00b3",
-        "#80 % from, to", "Symmetry", "#inferred, m\u00b2",
+        "#80 % from, to, m\u00b3", "Symmetry", "#inferred, m\u00b2",
     )  # fmt: skip
     return Table(columns, tuple(_row(one) for one in things[:_MOST_ROWS]))
 

@@ -94,7 +94,7 @@ def baselines_section(plan: Plan, baselines: Sequence[Baseline]) -> tuple[PageSe
         "Planner",
         "knows the scene",
         f"#measured by {count(n_views, 'view')}, %",
-        "#10-90 % of runs",
+        "#10-90 % of runs, %",
         f"#views to {percent(share)} %",
     )
     note = (
@@ -337,5 +337,4 @@ def class_table(coverage: Coverage) -> Table:
         for row in coverage.by_surface()
     )
     columns = ("Surface", "#area, m\u00b2", *(f"#{state}, %" for state in _STATES))
-    many = len(rows) > 40
-    return Table(columns, rows, f"{len(rows)} surfaces" if many else "", is_folded=many)
+    return Table(columns, rows)

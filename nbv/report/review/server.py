@@ -15,13 +15,13 @@ from werkzeug.exceptions import BadRequest, Forbidden, HTTPException, NotFound
 from werkzeug.serving import BaseWSGIServer, WSGIRequestHandler, make_server
 from werkzeug.wrappers import Request, Response
 
-from nbv.report.viewer.encoding import encode_view
-from nbv.report.viewer.layers import Viewer
 from nbv.report.review.asking import distance_between, facts_of, rectangle, snaps_at, surface_at
 from nbv.report.review.page_text import page_text
 from nbv.report.review.session import ReviewSession
 from nbv.report.review.standing import stand_for
 from nbv.report.review.view import first_view, view_after
+from nbv.report.viewer.encoding import encode_view
+from nbv.report.viewer.layers import Viewer
 from nbv.scanning.sensor import Sensor
 from scenes.checks import FloatArray, InputError, check_coordinates
 from scenes.run.atomic import json_text

@@ -23,6 +23,7 @@ from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.texturing.chart_texture import Atlas
 from nbv.coverage.coverage import VisibilityHistory
 from nbv.coverage.measurement import measured_samples
+from nbv.report.blocks.plain_words import WHY_INFERRED
 from nbv.report.figures import picture
 from nbv.report.figures.completion_shots import is_single_camera
 from nbv.report.figures.picture import Camera, Picture, aside_cameras
@@ -66,7 +67,9 @@ _PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6, 10, 9)  # of `Provenance`, numbers
 def provenance_categories() -> tuple[Category, ...]:
     """How a place came to be in the model, each with its colour."""
     colours = (picture.MEASURED, *(surface_rgb(k) for k in _PROVENANCE_COLOURS[1:]))
-    return tuple(Category(PROVENANCE_NAMES[str(why.value)], colours[int(why)]) for why in Provenance)
+    return tuple(
+        Category(WHY_INFERRED[PROVENANCE_NAMES[str(why.value)]], colours[int(why)]) for why in Provenance
+    )
 
 
 def scan_sightings(scans: Sequence[RangeImage], vertices: FloatArray, faces: NDArray[Any]) -> Sightings:
@@ -293,7 +296,7 @@ def _layer(
     is_inferred, n = key == "inferred", len(pieces.faces)
     channels: list[Classes | Numbers] = [
         Classes("state", "State", STATES, np.full(n, int(is_inferred), np.uint16)),
-        Classes("provenance", "Provenance", provenance_categories(), pieces.provenance),
+        Classes("provenance", "Why it is there", provenance_categories(), pieces.provenance),
         deviation_channel(1000 * pieces.sd, 1000 * most_sd),
     ]
     sightings = None
@@ -387,7 +390,7 @@ def _inferred_layer(coverage: ScanCoverage, state: StateMesh) -> Layer:
         likely = points.confidence[points.faces].min(axis=1)
         why = points.provenance[points.faces].max(axis=1).astype(np.uint16)
         channels += (
-            Classes("provenance", "Provenance", provenance_categories(), why),
+            Classes("provenance", "Why it is there", provenance_categories(), why),
             deviation_channel(sd, float(sd.max())),
             confidence_channel(likely),
         )

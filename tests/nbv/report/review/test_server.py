@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from werkzeug.test import Client
 
-from nbv.report.viewer.encoding import decoded_header
 from nbv.report.review.asking import distance_between, facts_of, surface_at
 from nbv.report.review.session import document_of
+from nbv.report.viewer.encoding import decoded_header
 from tests.nbv.report.review.test_session import reject, wall_of
 
 HOST = {"base_url": "http://127.0.0.1:8000"}
