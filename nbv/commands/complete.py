@@ -265,7 +265,7 @@ def _lines_of_relations(completion: Completion) -> list[str]:
     holding = sum(relation.holds for relation in graph.relations)
     n_rejected, n_undecided = map(graph.count_with, (RelationStatus.REJECTED, RelationStatus.UNDECIDED))
     others = f"{n_rejected} rejected, {n_undecided} undecided"
-    return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
+    return [f"{count(holding, 'relation')} accepted among {count(len(graph.fits), 'surface')}; {others}"]
 
 
 def _lines_of_flattening(completion: Completion) -> list[str]:

@@ -68,14 +68,8 @@ def decision_sections(sheet: DecisionSheet) -> tuple[PageSection, ...]:
     doubt = f" {sheet.told_doubt}" if sheet.told_doubt else ""
     blocks = [Text(f"{count(len(sections), 'dimension')}: {sentence}.{doubt} {told_rule(sheet.tolerance_m)}")]
     columns = (
-        "Dimension",
-        "Surfaces",
-        "#value, unit",
-        "#from, unit",
-        "#to (95 %), unit",
-        "measured, %",
-        "Advice",
-    )
+        "Dimension", "Surfaces", "#value, unit", "#from, unit", "#to (95 %), unit", "measured, %", "Advice",
+    )  # fmt: skip
     table = Table(columns, rows)
     note = (
         "Intervals hold noise, what surfaces share by one sensor and by their relations, how well the scans "
@@ -98,7 +92,7 @@ def _dimension_row(dimension: Dimension, word: Advice) -> tuple[Cell, ...]:
     return (
         Cell(dimension.kind),
         of,
-        *(Cell(f"{number} {_UNITS[dimension.unit]}") for number in numbers),
+        *(Cell(f"{text} {_UNITS[dimension.unit]}" if text[-1].isdigit() else text) for text in numbers),
         Cell(f"{100 * dimension.measured_share:.0f}", share=dimension.measured_share, state="measured"),
         Cell(word, state=_STATES[word]),
     )

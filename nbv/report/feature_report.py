@@ -74,7 +74,8 @@ def size_of(fit: TemplateFit) -> str:
         elif set(_BETWEEN.get(name, ())) & set(fit.unseen):
             sentences.append(f"{word} at least {value:.3g}{unit}")
         elif np.isfinite(sd) and sd < _UNKNOWN:
-            sentences.append(f"{word} {value:.4g}{unit} \u00b1 {sd:.2g}")
+            digits = int(np.clip(1 - np.floor(np.log10(sd)), 0, 6)) if sd > 0 else 4
+            sentences.append(f"{word} {value:.{digits}f}{unit} \u00b1 {sd:.{digits}f}")
         else:
             sentences.append(f"{word} not seen")
     number = fit.geometry.get("count")
@@ -98,7 +99,7 @@ def _row(number: int, fit: TemplateFit) -> tuple[Cell, ...]:
         Cell(sides),
         Cell(unseen),
         Cell(odds_text(fit.evidence)),
-        Cell(chance_of(fit)),
+        Cell(chance_of(fit).removesuffix(" %")),
         Cell(fit.reason),
     )
 
@@ -251,7 +252,7 @@ def feature_page(
     return Page(
         title=title,
         kicker="Report of features",
-        summary=f"{text} found of {', '.join(kinds)}.{state}",
+        summary=f"{text} found; looked for: {', '.join(kinds)}.{state}",
         headlines=(
             Headline(str(numbers[FeatureStatus.FOUND]), "", "found", "measured"),
             Headline(str(numbers[FeatureStatus.AMBIGUOUS]), "", "ambiguous", "unknown"),

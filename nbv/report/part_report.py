@@ -172,7 +172,7 @@ def part_page(
         Headline(*_small_length(part.noise_m), f"noise of the {what}, estimated"),
     ]
     if graph is not None:
-        headlines.append(Headline(str(holding), "", "relations hold"))
+        headlines.append(Headline(str(holding), "", "relations accepted"))
         headlines.append(
             Headline(str(part.count_relations(RelationStatus.REJECTED)), "", "relations rejected")
         )
@@ -249,7 +249,7 @@ def _summary(part: Part, what: str, holding: int) -> str:
         text += f" {count(n_unassigned, 'lies', 'lie')} on none of them."
     if part.relations is None:
         return f"{text} Relations were not looked for."
-    return f"{text} {count(holding, 'relation holds', 'relations hold')} between them."
+    return f"{text} {count(holding, 'relation')} between them {'was' if holding == 1 else 'were'} accepted."
 
 
 def _size_text(dimensions: PartDimensions) -> str:

@@ -73,6 +73,8 @@ def _error_plot(results: Sequence[SetResult], by: str) -> Plot:
             values = 1e3 * np.array([row["sd_m"] for row in rows])[at]
             axes.plot(at, values, "o-", markersize=4, color=colour_of(number), label=sensor)
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("{x:g}")
         axes.set_xticks(range(len(labels)), labels, rotation=20, ha="right", fontsize=8)
         last = int(np.flatnonzero(used).max()) if used.any() else 0
         axes.set_xlim(-0.4, last + 0.4)

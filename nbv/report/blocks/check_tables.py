@@ -116,11 +116,17 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
     return (Table(columns, rows, text, is_folded=within, filters=filters),)
 
 
+def _swatch(verdict: Verdict) -> str:
+    """The colour of a verdict, with its hatching or dots, as a CSS background."""
+    colour, name = VERDICT_COLOURS[verdict], verdict.replace(" ", "-")
+    return f"var(--mark-{name}, {colour})"
+
+
 def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[Cell, ...]:
     element, number = finding.element, numbers.get(finding.surface)
     return (
         Cell("" if number is None else str(number)),
-        Cell(finding.verdict, swatch=VERDICT_COLOURS[finding.verdict]),
+        Cell(finding.verdict, swatch=_swatch(finding.verdict)),
         Cell(element.name),
         Cell(element.storey),
         Cell(element.ifc_class),
@@ -159,9 +165,7 @@ _MEANINGS: Mapping[Verdict, str] = {
 
 def meanings_table() -> Table:
     """Return what each verdict means, folded."""
-    rows = tuple(
-        (Cell(verdict, swatch=VERDICT_COLOURS[verdict]), Cell(text)) for verdict, text in _MEANINGS.items()
-    )
+    rows = tuple((Cell(verdict, swatch=_swatch(verdict)), Cell(text)) for verdict, text in _MEANINGS.items())
     rows += (
         (
             Cell("deviation"),

@@ -44,6 +44,8 @@ HOW_ITS_END_IS_KNOWN = {
 }
 """How the end of a surface is known, by the provenance of its boundary."""
 
+_RAISED = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+
 
 def odds_text(evidence: float) -> str:
     """Return evidence in nats as a power of ten: how many times likelier the points are with than without.
@@ -51,20 +53,20 @@ def odds_text(evidence: float) -> str:
     Examples
     --------
     >>> odds_text(41.4), odds_text(0.7), odds_text(float("nan"))
-    ('10^18', '10^0.3', '-')
+    ('10¹⁸', '2', '-')
     """
     if not np.isfinite(evidence):
         return "-"
     power = float(evidence / np.log(10))
-    return f"10^{power:.0f}" if abs(power) >= 1 else f"10^{power:.1f}"
+    return "10" + f"{power:.0f}".translate(_RAISED) if abs(power) >= 2 else f"{10**power:.2g}"
 
 
 def chance_text(p: float) -> str:
-    """Return a probability as percent, without the sign, to two digits; "" where there is none.
+    """Return a probability as percent, without the sign, to three digits; "" where there is none.
 
     Examples
     --------
     >>> chance_text(1.0), chance_text(0.0321), chance_text(1e-9), chance_text(float("nan"))
-    ('100', '3.2', '<0.0001', '')
+    ('100', '3.21', '<0.0001', '')
     """
-    return "" if np.isnan(p) else f"{100 * p:.2g}" if p >= 1e-6 else "<0.0001"
+    return "" if np.isnan(p) else f"{100 * p:.3g}" if p >= 1e-6 else "<0.0001"

@@ -121,8 +121,8 @@ def _summary(graph: RelationGraph, numbers: Sequence[int], stayed: int) -> str:
         text += ": more than chance explains." if fault else ", which chance explains."
     if stayed:
         text += (
-            f" {count(stayed, 'surface stays', 'surfaces stay')} where measured, though a relation holds: "
-            "the measured points would show the move."
+            f" {count(stayed, 'surface stays', 'surfaces stay')} where measured, though a relation was "
+            "accepted: the measured points would show the move."
         )
     return text
 

@@ -28,7 +28,8 @@ function filterable(table) {
   bar.className = "filters";
   Object.assign(search, { type: "search", placeholder: "Search the table", ariaLabel: "Search the table" });
   bar.append(...(more ? [search] : []), ...choices.map(({ choice }) => choice), shown);
-  bar.addEventListener("input", show);
+  bar.addEventListener("change", show);
+  search.addEventListener("input", show);
   table.parentElement.before(bar);
   show();
 }

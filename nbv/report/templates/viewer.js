@@ -102,14 +102,14 @@ class View {
       this.culls = !shown;
       this.redraw();
     });
-    this.ruler = button("Measure", "Distance between two points (M)", () => this.measure());
+    this.ruler = button("Measure", "Distance between two points (M)", () => { this.measure(); this.canvas.focus({ preventScroll: true }); });
     return make("div", { className: "view-row" }, cut.element, backs, this.ruler);
   }
 
   showKey() {
     const mode = this.modes.find(one => one.key === this.mode) || { kind: "skin" };
     const paints = this.model.layers.filter(layer => !layer.channels.some(channel => channel.key === this.mode));
-    const lines = paints.filter(layer => mode.kind !== "skin" || (layer.marked && mode.key === "marked")).map(layer => layer.paint);
+    const lines = paints.filter(layer => mode.kind !== "skin" || (layer.marked && mode.key === "marked") || !(layer.images.length || layer.colours)).map(layer => layer.paint);
     const known = mode.kind === "classes" ? mode.categories.map(one => one.label) : [];
     const unlike = lines.filter((one, k) => !known.includes(one.label) && lines.findIndex(other => other.label === one.label) === k);
     const key = keyOf(this.model, mode, unlike);
