@@ -168,8 +168,8 @@ def summary_of(features: Features) -> dict[str, Any]:
 
 def lines_of(features: Features) -> list[str]:
     """Return a line for each feature: kind, size, sides seen, evidence; refused ones counted."""
-    from nbv.report.blocks.plain_words import odds_text
     from nbv.report.feature_report import chance_of, size_of
+    from nbv.run.plain_words import odds_text
 
     lines = []
     for number, fit in enumerate(features.fits, start=1):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from completion.features.engine.template import Features, FeatureStatus, SideState, TemplateFit
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, State, Table, Text
-from nbv.report.blocks.plain_words import odds_text
 from nbv.report.figures.picture import Picture, picture_of, range_colours
+from nbv.run.plain_words import odds_text
 from nbv.run.wording import count
 from scenes.checks import FloatArray
 from scenes.scan.colour import colour_bytes, surface_bytes, surface_colour

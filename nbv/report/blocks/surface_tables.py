@@ -16,7 +16,7 @@ from completion.flattening.flat import FlatRegion, FlatSurface, RegionKind
 from completion.relations.graph import Misfit, RelationGraph, misfit_of
 from completion.relations.relation import Relation, RelationStatus
 from nbv.report.blocks.page import Block, Cell, PageSection, Table, Text
-from nbv.report.blocks.plain_words import chance_text
+from nbv.run.plain_words import chance_text
 from nbv.run.wording import count
 from scenes.scan.colour import surface_colour
 

@@ -15,7 +15,7 @@ from completion.extension.patch import Patch
 from completion.result.completion import Completion
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.unknown import unknown_m2, unknown_part
-from nbv.report.blocks.plain_words import HOW_ITS_END_IS_KNOWN, WHY_INFERRED, WHY_IT_ENDS
+from nbv.run.plain_words import HOW_ITS_END_IS_KNOWN, WHY_INFERRED, WHY_IT_ENDS
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.plane import Plane
 

@@ -23,7 +23,6 @@ from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.texturing.chart_texture import Atlas
 from nbv.coverage.coverage import VisibilityHistory
 from nbv.coverage.measurement import measured_samples
-from nbv.report.blocks.plain_words import WHY_INFERRED
 from nbv.report.figures import picture
 from nbv.report.figures.completion_shots import is_single_camera
 from nbv.report.figures.picture import Camera, Picture, aside_cameras
@@ -44,6 +43,7 @@ from nbv.report.viewer.markers import given_markers, look_of_scan, opening_lines
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.things_layer import things_layer
 from nbv.report.viewer.unknown_layer import INFERRED, MEASURED, STATES, unknown_layer
+from nbv.run.plain_words import WHY_INFERRED
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import with_known_noise

@@ -11,7 +11,7 @@ import nbv.report
 from completion.boundary.continuation import Cue
 from completion.result.labelled_points import PROVENANCE_NAMES
 from nbv.report.blocks.page import Page, Table
-from nbv.report.blocks.plain_words import HOW_ITS_END_IS_KNOWN, WHY_INFERRED
+from nbv.run.plain_words import HOW_ITS_END_IS_KNOWN, WHY_INFERRED
 
 FOLDER = Path(nbv.report.__file__).parent
 UNITS = re.compile(
