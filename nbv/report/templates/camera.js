@@ -1,6 +1,6 @@
 // Camera: turns about a target, z up; columns of matrices one after the other, as WebGL wants them.
 
-const FOV = 32 * Math.PI / 180, STEEPEST = 89.5 * Math.PI / 180, MOST_POINTS = 4000;
+const FOV = 32 * Math.PI / 180, STEEPEST = 89.5 * Math.PI / 180, MOST_POINTS = 1500;
 
 class Camera {
   constructor({ size, focus, look, cut, layers }) {
@@ -103,9 +103,9 @@ class Camera {
 
 // Places that are to be in the picture: evenly spread corners of the faces that are shown, moved into the bounds.
 function sampled(layers, bounds) {
-  const shown = layers.filter(layer => layer.shown), found = [], n = shown.reduce((sum, { places }) => sum + places.length / 3, 0);
-  const step = Math.max(Math.floor(n / MOST_POINTS), 1);
-  for (const { places } of shown) {
+  const found = [];
+  for (const { places } of layers.filter(layer => layer.shown)) {
+    const step = Math.max(Math.floor(places.length / 3 / MOST_POINTS), 1);
     for (let at = 0; at < places.length; at += 3 * step) {
       const point = [...places.subarray(at, at + 3)];
       found.push(point.map((place, axis) => Math.min(Math.max(place, bounds[0][axis]), bounds[1][axis])));
