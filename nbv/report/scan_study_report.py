@@ -219,7 +219,7 @@ def _scans_table(results: Sequence[SetResult]) -> Table:
         "Scene", "Sensor", "Poses", "Requirement", "#Seed", "#Scan", "At, m", "#points", "#bias, mm",
         "#standard deviation, mm", "#95 %, mm", "#mixed, %", "#lost, %", "#seen, %", "#met, %",
     )  # fmt: skip
-    return Table(columns, tuple(rows), f"All {len(rows)} scans", is_folded=True)
+    return Table(columns, tuple(rows))
 
 
 def _headlines(results: Sequence[SetResult]) -> tuple[Headline, ...]:

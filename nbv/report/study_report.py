@@ -299,7 +299,7 @@ def _cases_table(outcomes: Sequence[Outcome]) -> Table:
         "Scene", "Sensor", "Requirement", "Planner", "#Seed", "#views", "#measured of reachable, %",
         "Ended because", "Plan",
     )  # fmt: skip
-    return Table(columns, tuple(rows), f"All {len(rows)} plans", is_folded=True)
+    return Table(columns, tuple(rows))
 
 
 def _failures(failed: Sequence[Outcome]) -> tuple[PageSection, ...]:

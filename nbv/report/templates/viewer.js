@@ -271,7 +271,7 @@ class View {
       }
     }
     const end = this.point && this.point.point;
-    if (this.from && end) strokes.push([this.from, end, [255, 255, 255], 4], [this.from, end, [200, 30, 90], 2], [this.from, this.from, [200, 30, 90], 4]);
+    if (this.from && end) strokes.push([this.from, end, [200, 30, 90], 2.5], [this.from, this.from, [200, 30, 90], 4]);
     if (this.point) strokes.push([this.point.point, this.point.point, [255, 255, 255], 6], [this.point.point, this.point.point, [200, 30, 90], 4]);
     this.stage.setStrokes(strokes);
     this.redraw();
