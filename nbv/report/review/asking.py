@@ -14,7 +14,7 @@ from completion.export.dimension import LEVEL, Support, half_interval
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
 from completion.result.labelled_points import PROVENANCE_NAMES
-from completion.result.unknown import unknown_m2, unknown_part
+from completion.result.unknown import unknown_m2
 from nbv.run.plain_words import HOW_ITS_END_IS_KNOWN, WHY_INFERRED, WHY_IT_ENDS
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.plane import Plane
@@ -237,8 +237,8 @@ def hidden_box(completion: Completion, number: int) -> FloatArray:
     Raises InputError: all of it was measured.
     """
     facts_of(completion, number)
-    patch, derived = completion.patches[number - 1], completion.surfaces[number - 1]
-    parts = [unknown_part(patch), derived.inferred_cells]
+    derived = completion.surfaces[number - 1]
+    parts = [derived.unknown, derived.inferred_cells]
     points = np.concatenate([np.zeros((0, 3)), *(part.vertices[np.unique(part.faces)] for part in parts)])
     if not len(points):
         raise InputError(f"nothing of surface {number} is hidden")

@@ -13,6 +13,7 @@ from nbv.inspection.checking import CheckedDesign
 from nbv.report.blocks.page import Cell, Page, PageSection, Table
 from nbv.report.check_report import check_page
 from nbv.report.viewer.layers import Classes, Layer
+from scenes.mesh.labelled_mesh import Appearance
 from tests.helpers.browser import Browser, needs_chromium
 from tests.helpers.long_cases import first_in_gate
 from tests.helpers.view_examples import (
@@ -342,6 +343,23 @@ def test_a_distance_is_measured_by_clicks_and_by_keys(tab):
     assert (float(text) / (1000 if unit == "mm" else 1), unit) == (pytest.approx(apart, abs=1e-3), "mm")
     tab.press("Enter")  # the next point begins anew
     assert "Distance" not in values(tab)
+
+
+def test_what_is_unknown_is_named_in_natural_colours_too_and_can_be_switched_off(browser, tmp_path):
+    corners, faces = floor(0.0)
+    skin = Appearance(np.full((2, 3, 3), 0.4, np.float32))
+    natural = Layer("measured", "measured", corners, faces, MEASURED, skin=skin)
+    unknown = Layer("unknown", "unknown: hidden, not inferred", floor(3.0)[0], faces, UNKNOWN)
+    view = replace(known_view(), layers=(natural, unknown), mode="skin", met=(), lines=())
+    replace(known_page(), sections=(PageSection("View", (view,)),)).write(tmp_path / "unknown.html")
+    tab = browser.open(tmp_path / "unknown.html", 640, 520)
+    tab.wait_for(IS_LIVE)
+    assert "unknown" in tab.run("document.querySelector('.view-key').textContent")
+    assert is_orange(colour_at(tab, RIGHT))
+    switch(tab, "unknown")
+    assert not is_orange(colour_at(tab, RIGHT))
+    assert tab.complaints() == []
+    tab.close()
 
 
 def test_the_first_picture_is_filled_by_what_is_shown(tab):
