@@ -152,7 +152,7 @@ def surfaces_table(coverage: Coverage) -> Table:
         "#measured, %",
         "#missed, %",
         "#out of reach, %",
-        "#mean cosine of best incidence, 0 to 1",
+        "#mean cosine of incidence, 0 to 1",
     )
     return Table(columns, rows)
 
