@@ -54,6 +54,7 @@ from completion.result.labelled_points import (
     remainder,
 )
 from completion.result.openings import SurfaceOpening, find_openings
+from completion.result.unknown import unknown_part
 from completion.room.roles import Room
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
@@ -142,6 +143,11 @@ class DerivedSurface(Value):
     def observed(self) -> ChartMesh:
         """Measured cells as triangles, without more."""
         return self.spill.keep(mesh_cells(self.patch.grid, self.patch.observed, (), merged=True))
+
+    @cached_property
+    def unknown(self) -> ChartMesh:
+        """Hidden cells that were neither measured nor inferred as triangles."""
+        return self.spill.keep(unknown_part(self.patch))
 
     @cached_property
     def outline(self) -> OutlineCells:

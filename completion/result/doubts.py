@@ -105,8 +105,8 @@ def _of_relations(relations: SurfaceRelations | None) -> list[str]:
     if relations is None:
         return []
     doubts = [
-        f"it was stated that {kind_text(relation.kind)} holds of "
-        f"{_surface_list(relation.surfaces, relations.numbers)}, but it was rejected: {relation.reason}"
+        f"the stated relation {kind_text(relation.kind)} of "
+        f"{_surface_list(relation.surfaces, relations.numbers)} was rejected: {relation.reason}"
         for relation in relations.graph.relations
         if relation.is_given and relation.status is RelationStatus.REJECTED
     ]

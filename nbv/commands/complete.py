@@ -26,8 +26,8 @@ from completion.relations.options import BUILT
 from completion.relations.relation import RelationStatus, read_scan_relations
 from completion.result.completion import Completion, write_model
 from completion.result.flat_scans import whole_flattening
+from completion.result.labelled_points import mesh_area
 from completion.result.record import completion_record
-from completion.result.unknown import unknown_m2
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
@@ -185,7 +185,7 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "surfaces": len(completion.patches),
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
-        "unknown_m2": sum(map(unknown_m2, completion.patches)),
+        "unknown_m2": _unknown_m2(completion),
         "free_space_violation_m2": completion.free_space_violation_m2,
         "flatness_m": completion.flatness_m,
         "left_out": completion.choice.n_left_out,
@@ -226,11 +226,15 @@ def _poses_of(completion: Completion) -> dict[str, Any]:
     }
 
 
+def _unknown_m2(completion: Completion) -> float:
+    return sum(mesh_area(one.unknown.vertices, one.unknown.faces) for one in completion.surfaces)
+
+
 def lines_of(completion: Completion, verification: Verification | None = None) -> list[str]:
     """Return the headline numbers for people."""
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
-    unknown = sum(map(unknown_m2, completion.patches))
+    unknown = _unknown_m2(completion)
     lines = [
         f"measured  {square_metres(observed)} m2 on {count(len(completion.patches), 'surface')}",
         f"inferred  {square_metres(inferred)} m2{share}",
@@ -265,7 +269,7 @@ def _lines_of_relations(completion: Completion) -> list[str]:
     holding = sum(relation.holds for relation in graph.relations)
     n_rejected, n_undecided = map(graph.count_with, (RelationStatus.REJECTED, RelationStatus.UNDECIDED))
     others = f"{n_rejected} rejected, {n_undecided} undecided"
-    return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
+    return [f"{count(holding, 'relation')} accepted among {count(len(graph.fits), 'surface')}; {others}"]
 
 
 def _lines_of_flattening(completion: Completion) -> list[str]:

@@ -169,6 +169,7 @@ def summary_of(features: Features) -> dict[str, Any]:
 def lines_of(features: Features) -> list[str]:
     """Return a line for each feature: kind, size, sides seen, evidence; refused ones counted."""
     from nbv.report.feature_report import chance_of, size_of
+    from nbv.run.plain_words import odds_text
 
     lines = []
     for number, fit in enumerate(features.fits, start=1):
@@ -176,7 +177,7 @@ def lines_of(features: Features) -> list[str]:
             continue
         seen = sum(side.is_seen for side in fit.sides)
         doubt = f" ({fit.reason})" if fit.reason else ""
-        sentence = f"{seen} of {len(fit.sides)} sides seen, {fit.evidence:.0f} nats"
+        sentence = f"{seen} of {len(fit.sides)} sides seen, {odds_text(fit.evidence)} times likelier with it"
         if np.isfinite(fit.false_fit_probability):
             sentence += f", false {chance_of(fit)}"
         lines.append(f"{number:3d} {fit.kind} {fit.status}: {size_of(fit)}; {sentence}{doubt}")

@@ -221,7 +221,9 @@ def _lines_of_kinds(dimensions: PartDimensions) -> list[str]:
     kinds = [row.kind for row in dimensions.rows if row.kind not in ("overall size", "volume", "area")]
     if not kinds:
         return []
-    text = ", ".join(count(kinds.count(kind), kind) for kind in dict.fromkeys(kinds))
+    plural = {"radius": "radii", "thickness": "thicknesses"}
+    words = {kind: plural.get(kind, "") for kind in dict.fromkeys(kinds)}
+    text = ", ".join(count(kinds.count(kind), kind, many) for kind, many in words.items())
     lengths = [row for row in dimensions.rows if row.unit == "m" and row.kind in kinds]
     least = max(lengths, key=lambda row: row.high - row.low, default=None)
     doubt = "" if least is None else f"; least certain: {least.kind} {value_text(least)}"
@@ -241,7 +243,7 @@ def profile_lines(profiles: Sequence[Profile]) -> list[str]:
         )
         alike = f", {profile.alike} alike" if profile.alike > 1 else ""
         n = sum(1 for _ in profile.relations())
-        text = f"{profile.sweep.kind}: {what}{alike}; {count(n, 'relation holds', 'relations hold')}"
+        text = f"{profile.sweep.kind}: {what}{alike}; {count(n, 'relation')}"
         lines.append(f"{'profiles' if number == 0 else '':10} {text}")
     return lines
 

@@ -133,7 +133,7 @@ def _run_scans(run: Run, spec: ScanStudySpec, asked: StudyOptions) -> None:
     summary = {"sets": rows, "scans": len(cases), "failed": sum(bool(row["error"]) for row in rows)}
     lines = [
         f"{row['scene']}, {row['sensor']}, {row['poses']}, {row['requirement']}: "
-        f"{count(row['scans'], 'scan')}, sd {millimetres(row['sd_m']) or '-'} mm, "
+        f"{count(row['scans'], 'scan')}, standard deviation {millimetres(row['sd_m']) or '-'} mm, "
         f"{percent(row['met'])} % of the area measured as required"
         for row in rows
     ]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Colours of verdicts, the same in reports, plans and files.
 
-Least difference of two of them, CIE 1976 ab, under the three dichromacies by Machado, Oliveira & Fernandes
-(2009): 24.6. What is hidden or was not seen is hatched or dotted too, so that it survives a grey print.
+Any two differ by at least 15 (CIEDE2000) to a normal eye and under the three dichromacies by Machado,
+Oliveira & Fernandes (2009). What is hidden is hatched and what was not seen is dotted, for grey prints.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from completion.asbuilt.findings import Verdict
 VERDICT_COLOURS: Mapping[Verdict, str] = {
     "within": "#35b779",
     "deviates": "#d1331e",
-    "undecided": "#f2b632",
+    "undecided": "#fbcf4f",
     "missing": "#8a1c7c",
-    "hidden": "#7d868c",
-    "not seen": "#d3d8da",
-    "not tested": "#eef1f2",
+    "hidden": "#737b81",
+    "not seen": "#abb2b6",
+    "not tested": "#f1f4f5",
 }
 EXTRA_COLOUR = "#2f62c4"
 

@@ -76,8 +76,8 @@ def summary(check: DesignCheck) -> str:
     text = (
         f"{count(len(check.elements), 'element')} at a tolerance of {span} mm: {verdicts}. "
         f"{count(check.faces_tested, 'face was', 'faces were')} tested; {check.false_alarms_expected:g} "
-        "wrong \u201cdeviates\u201d are expected in the whole building, which takes "
-        f"z = {check.z:.2f} for each test. "
+        "wrong \u201cdeviates\u201d are expected in the whole building, so that each test asks for "
+        f"{check.z:.2f} standard deviations. "
     )
     where = check.alignment
     moved = f"Alignment: all scans were moved by {where.shift_text}. " if where.is_free else ""

@@ -67,7 +67,9 @@ def decision_sections(sheet: DecisionSheet) -> tuple[PageSection, ...]:
     sentence = ", ".join(f"{n} \u00d7 {word}" for word, n in sheet.counts().items() if n)
     doubt = f" {sheet.told_doubt}" if sheet.told_doubt else ""
     blocks = [Text(f"{count(len(sections), 'dimension')}: {sentence}.{doubt} {told_rule(sheet.tolerance_m)}")]
-    columns = ("Dimension", "Surfaces", "#value", "#from", "#to (95 %)", "measured", "Advice")
+    columns = (
+        "Dimension", "Surfaces", "#value, unit", "#from, unit", "#to (95 %), unit", "measured, %", "Advice",
+    )  # fmt: skip
     table = Table(columns, rows)
     note = (
         "Intervals hold noise, what surfaces share by one sensor and by their relations, how well the scans "
@@ -90,9 +92,8 @@ def _dimension_row(dimension: Dimension, word: Advice) -> tuple[Cell, ...]:
     return (
         Cell(dimension.kind),
         of,
-        Cell(f"{numbers[0]} {_UNITS[dimension.unit]}"),
-        *(Cell(number) for number in numbers[1:]),
-        Cell(f"{100 * dimension.measured_share:.0f} %", share=dimension.measured_share, state="measured"),
+        *(Cell(f"{text} {_UNITS[dimension.unit]}" if text[-1].isdigit() else text) for text in numbers),
+        Cell(f"{100 * dimension.measured_share:.0f}", share=dimension.measured_share, state="measured"),
         Cell(word, state=_STATES[word]),
     )
 
@@ -389,7 +390,7 @@ def pose_sections(registration: Registration) -> tuple[PageSection, ...]:
     )
     columns = (
         "Scans", "#both measured, m\u00b2", "#apart as given, mm", "#apart as used, mm",
-        "#contradicted as given, m\u00b2", "#as used, m\u00b2",
+        "#contradicted as given, m\u00b2", "#contradicted as used, m\u00b2",
     )  # fmt: skip
     n_hidden = len(pairs) - _MOST_PAIRS
     note = (

@@ -146,7 +146,7 @@ def demo_page(
         bar=_bar(comparison, sum(coverage.apart_m2.values())),
         sections=(
             PageSection("Before and after", before_and_after(completion, n_threads)),
-            PageSection("Held against the truth", _truth(scene, comparison, n_threads)),
+            PageSection("Compared with the truth", _truth(scene, comparison, n_threads)),
             PageSection(
                 "What the scanner alone would need",
                 (

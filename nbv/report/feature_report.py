@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from completion.features.engine.template import Features, FeatureStatus, SideState, TemplateFit
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, State, Table, Text
 from nbv.report.figures.picture import Picture, picture_of, range_colours
+from nbv.run.plain_words import odds_text
 from nbv.run.wording import count
 from scenes.checks import FloatArray
 from scenes.scan.colour import colour_bytes, surface_bytes, surface_colour
@@ -28,7 +29,10 @@ _WORDS = {FeatureStatus.FOUND: "found", FeatureStatus.AMBIGUOUS: "ambiguous", Fe
 _BETWEEN = {"width": ("left", "right"), "height": ("bottom", "top")}
 _NOTHING = 1e-9  # below which a number is rounding
 _UNKNOWN = 100.0  # deviation from which on nothing is known
-_PLACING = ("u", "v", "centre", "direction", "corner", "axis", "joint")  # first words of what only places it
+_PLACING = (
+    "u", "v", "x", "y", "heading", "centre", "direction", "corner", "axis", "joint",
+)  # fmt: skip
+"""First words of what only places it."""
 
 
 def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
@@ -39,13 +43,17 @@ def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
     blocks = [fit for fit in fits if fit.status is not FeatureStatus.NONE][:_MOST_ROWS]
     shown = [*blocks, *refused[:_MOST_REFUSED]]
     rows = tuple(_row(fits.index(fit) + 1, fit) for fit in shown)
-    columns = ("Feature", "Status", "Size", "Sides seen", "Not seen", "#evidence, nats", "#false", "Why")
+    columns = (
+        "Feature", "Status", "Size, m or \u00b0", "Sides seen", "Not seen", "#times likelier",
+        "#false, %", "Why",
+    )  # fmt: skip
     left = len(fits) - len(shown)
     more = f" {count(left, 'more is', 'more are')} in features.json." if left else ""
     note = (
         "Size with one standard deviation. A side is seen where tiles along it confirm it: what bounds it "
-        "was measured just outside, and nothing just inside. A side that nobody saw is not claimed. False: "
-        "how often one as good shows where there is none, of as many simulated nulls as there were."
+        "was measured just outside, and nothing just inside. A side that nobody saw is not claimed. Times "
+        "likelier: the measured points with the feature, compared to without it. False: how often one as "
+        "good shows where there is none, of as many simulated nulls as there were."
     )
     return Table(columns, rows), Text(note + more, is_note=True)
 
@@ -58,13 +66,16 @@ def size_of(fit: TemplateFit) -> str:
         if name.replace("_", " ").split()[0] in _PLACING or not np.isfinite(value):
             continue
         word = name.replace("_", " ")
+        unit, scale = ("\u00b0", 180 / np.pi) if word.endswith("angle") else ("", 1.0)
+        value, sd = scale * value, scale * sd
         value = 0.0 if abs(value) < _NOTHING else value
         if name in fit.held:
-            sentences.append(f"{word} {value:.4g} (given)")
+            sentences.append(f"{word} {value:.4g}{unit} (given)")
         elif set(_BETWEEN.get(name, ())) & set(fit.unseen):
-            sentences.append(f"{word} at least {value:.3g}")
+            sentences.append(f"{word} at least {value:.3g}{unit}")
         elif np.isfinite(sd) and sd < _UNKNOWN:
-            sentences.append(f"{word} {value:.4g} \u00b1 {sd:.2g}")
+            digits = int(np.clip(1 - np.floor(np.log10(sd)), 0, 6)) if sd > 0 else 4
+            sentences.append(f"{word} {value:.{digits}f}{unit} \u00b1 {sd:.{digits}f}")
         else:
             sentences.append(f"{word} not seen")
     number = fit.geometry.get("count")
@@ -87,8 +98,8 @@ def _row(number: int, fit: TemplateFit) -> tuple[Cell, ...]:
         Cell(size_of(fit)),
         Cell(sides),
         Cell(unseen),
-        Cell(f"{fit.evidence:.0f}" if np.isfinite(fit.evidence) else "-"),
-        Cell(chance_of(fit)),
+        Cell(odds_text(fit.evidence)),
+        Cell(chance_of(fit).removesuffix(" %")),
         Cell(fit.reason),
     )
 
@@ -241,7 +252,7 @@ def feature_page(
     return Page(
         title=title,
         kicker="Report of features",
-        summary=f"{text} found of {', '.join(kinds)}.{state}",
+        summary=f"{text} found; looked for: {', '.join(kinds)}.{state}",
         headlines=(
             Headline(str(numbers[FeatureStatus.FOUND]), "", "found", "measured"),
             Headline(str(numbers[FeatureStatus.AMBIGUOUS]), "", "ambiguous", "unknown"),

@@ -175,7 +175,7 @@ def part_page(
         Headline(*_small_length(part.noise_m), f"noise of the {what}, estimated"),
     ]
     if graph is not None:
-        headlines.append(Headline(str(holding), "", "relations hold"))
+        headlines.append(Headline(str(holding), "", "relations accepted"))
         headlines.append(
             Headline(str(part.count_relations(RelationStatus.REJECTED)), "", "relations rejected")
         )
@@ -253,7 +253,7 @@ def _summary(part: Part, what: str, holding: int) -> str:
         text += f" {count(n_unassigned, 'lies', 'lie')} on none of them."
     if part.relations is None:
         return f"{text} Relations were not looked for."
-    return f"{text} {count(holding, 'relation holds', 'relations hold')} between them."
+    return f"{text} {count(holding, 'relation')} between them {'was' if holding == 1 else 'were'} accepted."
 
 
 def _size_text(dimensions: PartDimensions) -> str:
@@ -293,7 +293,7 @@ def dimension_blocks(part: Part, dimensions: PartDimensions) -> tuple[Block, ...
         for number, row in enumerate(dimensions.rows[:_MOST_ROWS], start=1)
     ]
     columns = (
-        "Number", "Dimension", "#value, 95 % interval", "Of surfaces", "Known from", "Note",
+        "Number", "Dimension", "#value with 95 % interval, unit", "Of surfaces", "Known from", "Note",
         "Preferred value, a hypothesis", "#its probability, %",
     )  # fmt: skip
     note = (
@@ -375,8 +375,8 @@ def _surface_blocks(part: Part) -> tuple[Block, ...]:
             )
         )
     columns = (
-        "Surface", "Kind", "#points", "#rms, mm", "#size as measured", "#size with relations", "#moved, sd",
-        "On one surface with",
+        "Surface", "Kind", "#points", "#rms, mm", "#size as measured, mm or \u00b0",
+        "#size with relations, mm or \u00b0", "#moved, standard deviations", "On one surface with",
     )  # fmt: skip
     note = (
         "rms: distance of the points from the surface as measured. size: radius (R), radius of a torus' tube "

@@ -142,7 +142,7 @@ def registration_page(
         Headline(str(len(scans)), "", "scans"),
         *(() if checked else (Headline(str(placed), "", "have a pose", "measured"),)),
         *(() if checked else (Headline(str(len(registration.groups)), "", "groups"),)),
-        Headline(str(held), "", f"of {len(registration.pairs)} pairs agree"),
+        Headline(str(held), "", f"of {count(len(registration.pairs), 'pair')} agree"),
         Headline(f"{100 * worst:.1f}", "%", "contradicted at most, of these"),
     )
     plans = [
@@ -234,7 +234,10 @@ def _scans(registration: Registered, names: Sequence[str]) -> Table:
                 Cell(shift),
             )
         )
-    return Table(("Scan", "File", "Group", "#turn known to, deg", "#place known to, mm"), tuple(rows))
+    columns = (
+        "Scan", "File", "Group", "#standard deviation of turn, \u00b0", "#standard deviation of place, mm",
+    )  # fmt: skip
+    return Table(columns, tuple(rows))
 
 
 def _pairs(registration: Registered) -> tuple[Block, ...]:

@@ -73,6 +73,8 @@ def _error_plot(results: Sequence[SetResult], by: str) -> Plot:
             values = 1e3 * np.array([row["sd_m"] for row in rows])[at]
             axes.plot(at, values, "o-", markersize=4, color=colour_of(number), label=sensor)
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("{x:g}")
         axes.set_xticks(range(len(labels)), labels, rotation=20, ha="right", fontsize=8)
         last = int(np.flatnonzero(used).max()) if used.any() else 0
         axes.set_xlim(-0.4, last + 0.4)
@@ -147,7 +149,7 @@ def _sets_table(results: Sequence[SetResult]) -> Table:
         )  # fmt: skip
     columns = (
         "Scene", "Sensor", "Poses", "Requirement", "#Seed", "#scans", "#minutes",
-        "#bias, mm", "#sd, mm", "#95 %, mm", "#mixed, %", "#lost, %", "points per m\u00b2",
+        "#bias, mm", "#standard deviation, mm", "#95 %, mm", "#mixed, %", "#lost, %", "points per m\u00b2",
         "#seen, %", "#met, %",
     )  # fmt: skip
     return drop_constant_columns(columns, rows, n_fixed=5)
@@ -215,9 +217,9 @@ def _scans_table(results: Sequence[SetResult]) -> Table:
         )
     columns = (
         "Scene", "Sensor", "Poses", "Requirement", "#Seed", "#Scan", "At, m", "#points", "#bias, mm",
-        "#sd, mm", "#95 %, mm", "#mixed, %", "#lost, %", "#seen, %", "#met, %",
+        "#standard deviation, mm", "#95 %, mm", "#mixed, %", "#lost, %", "#seen, %", "#met, %",
     )  # fmt: skip
-    return Table(columns, tuple(rows), f"All {len(rows)} scans", is_folded=True)
+    return Table(columns, tuple(rows))
 
 
 def _headlines(results: Sequence[SetResult]) -> tuple[Headline, ...]:

@@ -211,8 +211,7 @@ def surfaces_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
     if not rows:
         return (Text("None was recognised."),)
     columns = ("Surface", "Kind", "#measured, m\u00b2", "#of it as required, %", "#inferred, m\u00b2")
-    many = len(rows) > 40
-    return (Table(columns, rows, count(len(rows), "surface") if many else "", is_folded=many),)
+    return (Table(columns, rows),)
 
 
 def boundary_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:

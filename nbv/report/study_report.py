@@ -241,7 +241,7 @@ def _views_needed(groups: Sequence[OutcomeGroup], planners: Sequence[str], share
         )
     columns = (
         "Scene", "Sensor", "Requirement", "Planner", f"#views to {100 * share:g} %", "#reached, %",
-        "#views planned", "#at least", "#tour, m", "#legs without a way", "#inferred, %",
+        "#views planned", "#at least, views", "#tour, m", "#legs without a way", "#inferred, %",
     )  # fmt: skip
     note = (
         "Medians over the seeds; in brackets the least and the most. Shares are of the area that any "
@@ -299,7 +299,7 @@ def _cases_table(outcomes: Sequence[Outcome]) -> Table:
         "Scene", "Sensor", "Requirement", "Planner", "#Seed", "#views", "#measured of reachable, %",
         "Ended because", "Plan",
     )  # fmt: skip
-    return Table(columns, tuple(rows), f"All {len(rows)} plans", is_folded=True)
+    return Table(columns, tuple(rows))
 
 
 def _failures(failed: Sequence[Outcome]) -> tuple[PageSection, ...]:

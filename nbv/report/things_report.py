@@ -40,12 +40,13 @@ def things_sections(completion: Completion) -> tuple[PageSection, ...]:
     why = Counter(one.why_open for one in things if one.back is None)
     left = "".join(f" {n} left open: {text}." for text, n in sorted(why.items()))
     text = Text(
-        f"{count(len(things), 'thing stands', 'things stand')} in the scans; {len(closed)} were closed, "
+        f"{count(len(things), 'thing stands', 'things stand')} in the scans; "
+        f"{count(len(closed), 'was', 'were')} closed, "
         f"{sure} by a symmetry that is sure enough to infer {square_metres(inferred)} m\u00b2 of their back "
         f"sides.{left}"
     )
     note = Text(
-        "Each picture is from the side that no scan saw. Grey green was measured, blue is implied by a "
+        "Each picture is from the side that no scan saw. Grey was measured, blue is implied by a "
         "symmetry, hatched faces only close the shape: they are unknown. Volume is what a thing takes up, "
         "with an 80 % interval; width, depth and height lie between what was measured and where its end "
         "was seen, a symmetry puts it, or a wall is.",
@@ -62,7 +63,7 @@ def _table(things: Sequence[ClosedThing]) -> Table:
     """A row for each thing."""
     columns = (
         "Thing", "#width, m", "#depth, m", "#height, m", "Why that depth", "#volume, m\u00b3",
-        "#80 % from, to", "Symmetry", "#inferred, m\u00b2",
+        "#80 % from, to, m\u00b3", "Symmetry", "#inferred, m\u00b2",
     )  # fmt: skip
     return Table(columns, tuple(_row(one) for one in things[:_MOST_ROWS]))
 

@@ -28,6 +28,26 @@ def merge_warnings(named: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
     return [_sentence(group, len(named)) for group in groups.values()]
 
 
+def merge_sentences(texts: Sequence[str]) -> list[str]:
+    """Return warnings in order, each once; those that differ in the name before a colon alone become one.
+
+    Examples
+    --------
+    >>> merge_sentences(["a: no pose", "far away", "b: no pose", "far away", "c: no pose", "d: no pose"])
+    ['a, b and 2 others: no pose', 'far away']
+    """
+    names: dict[str, list[str]] = {}
+    for text in dict.fromkeys(texts):
+        name, colon, rest = text.partition(": ")
+        names.setdefault(rest if colon else text, []).extend([name] if colon else [])
+    return [f"{_listed(those)}: {rest}" if those else rest for rest, those in names.items()]
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = [*names] if len(names) < 4 else [*names[:2], f"{len(names) - 2} others"]
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
 def _sentence(group: Sequence[tuple[str, str]], n_scans: int) -> str:
     name, first = group[0]
     if len(group) == 1:

@@ -10,6 +10,7 @@ import pytest
 import typer
 
 from nbv.cli import app
+from nbv.commands.defaults import project_defaults
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import read_study
 from tests.helpers.data_paths import ROOT
@@ -29,6 +30,7 @@ def blocks_of(page, language):
 
 
 NOT_RUN = {
+    "cluster": "it needs a scheduler",
     "studies": "it reads a study file of the reader's",
 }
 """Pages whose Python is not run, with the reason."""
@@ -105,6 +107,9 @@ def test_wrong_command_lines_are_found(tmp_path):
         test_command_lines_parse(page)
 
 
+NAMES = {name: {flag: flag for flag in ("threads", "up", "export")} for name in ("complete", "plan")}
+
+
 @pytest.mark.parametrize("page", WITH_TOML, ids=name_of)
 def test_toml_is_accepted(page, tmp_path):
     for number, block in enumerate(blocks_of(page, "toml")):
@@ -113,6 +118,9 @@ def test_toml_is_accepted(page, tmp_path):
         if block.startswith("[project."):
             offered = tomllib.loads(block)["project"]["entry-points"]
             assert set(offered) == {"unseen.readers", "unseen.sensors"}
+        elif block.startswith("[all]"):
+            (tmp_path / "unseen.toml").write_text(block, "utf-8")
+            assert project_defaults(tmp_path, NAMES)["complete"]
         elif block.startswith(("kind", "like")):
             assert load_sensor(file).max_range_m > 0
         else:

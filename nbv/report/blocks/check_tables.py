@@ -36,7 +36,7 @@ _STATES: Mapping[Verdict, State] = {
     "hidden": "hidden", "not seen": "not-seen", "not tested": "not-tested",
 }  # fmt: skip
 _MEASURED = ("within", "deviates", "undecided")
-_MANY_ROWS, _MANY_ELEMENTS, _MANY_CARDS, _MOST_CARDS, _MOST_FACES = 40, 100, 30, 300, 3
+_MANY_CARDS, _MOST_CARDS, _MOST_FACES = 30, 300, 3
 
 
 def numbered(check: DesignCheck) -> dict[int, int]:
@@ -104,8 +104,8 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
         return ()
     rows = tuple(_element_row(finding, numbers) for finding in chosen)
     columns = (
-        "#No.", "Verdict", "Element", "Storey", "Class", "#T, mm", "#off by, mm [95 %]", "#measured, %",
-        "LOA",
+        "#No.", "Verdict", "Element", "Storey", "Class", "#tolerance T, mm", "#off by, mm [95 %]",
+        "#measured, %", "LOA",
     )  # fmt: skip
     text = (
         f"{count(len(rows), 'element')} within tolerance"
@@ -113,14 +113,20 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
         else f"{count(len(rows), 'element')} not within tolerance"
     )
     filters = ("Storey", "Class") if within else ("Verdict", "Storey", "Class")
-    return (Table(columns, rows, text, within or len(rows) > _MANY_ELEMENTS, filters),)
+    return (Table(columns, rows, text, is_folded=within, filters=filters),)
+
+
+def _swatch(verdict: Verdict) -> str:
+    """The colour of a verdict, with its hatching or dots, as a CSS background."""
+    colour, name = VERDICT_COLOURS[verdict], verdict.replace(" ", "-")
+    return f"var(--mark-{name}, {colour})"
 
 
 def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[Cell, ...]:
     element, number = finding.element, numbers.get(finding.surface)
     return (
         Cell("" if number is None else str(number)),
-        Cell(finding.verdict, swatch=VERDICT_COLOURS[finding.verdict]),
+        Cell(finding.verdict, swatch=_swatch(finding.verdict)),
         Cell(element.name),
         Cell(element.storey),
         Cell(element.ifc_class),
@@ -159,9 +165,7 @@ _MEANINGS: Mapping[Verdict, str] = {
 
 def meanings_table() -> Table:
     """Return what each verdict means, folded."""
-    rows = tuple(
-        (Cell(verdict, swatch=VERDICT_COLOURS[verdict]), Cell(text)) for verdict, text in _MEANINGS.items()
-    )
+    rows = tuple((Cell(verdict, swatch=_swatch(verdict)), Cell(text)) for verdict, text in _MEANINGS.items())
     rows += (
         (
             Cell("deviation"),
@@ -240,7 +244,8 @@ def _measures(finding: ElementFinding) -> tuple[Table, ...]:
         for name, one, unit in held
         if one is not None
     )
-    return (Table(("Measure", "#value", "#95 % interval", "#along x, y, z"), rows),) if rows else ()
+    columns = ("Measure", "#value, unit", "#95 % interval, unit", "#direction x, y, z, \u22121 to 1")
+    return (Table(columns, rows),) if rows else ()
 
 
 def _histogram(face: FaceFinding, tolerance_m: float) -> Histogram:
@@ -328,8 +333,7 @@ def extras_blocks(check: DesignCheck) -> tuple[Block, ...]:
         "Extra", "#area, m\u00b2", "#box x, y, z, m", "#its middle x, y, z, m", "Touches", "Hides",
         "Seen from",
     )  # fmt: skip
-    many = len(rows) > _MANY_ROWS
-    return (Table(columns, rows, count(len(rows), "extra") if many else "", is_folded=many),)
+    return (Table(columns, rows),)
 
 
 def loa_blocks(check: DesignCheck) -> tuple[Block, ...]:
@@ -382,13 +386,12 @@ def alignment_blocks(check: DesignCheck) -> tuple[Block, ...]:
             zip(check.scans, held.poses, held.station_shift_m, strict=True)
         )
     )
-    many = len(rows) > _MANY_ROWS
     columns = ("Scan", "Name", "#place x, y, z, m", "#further shift x, y, z, mm")
     return (
         Text(alignment_sentence(check)),
         *map(Text, held.sentences),
         *((whole,) if held.is_free else ()),
-        Table(columns, rows, count(len(rows), "scan") if many else "", is_folded=many),
+        Table(columns, rows),
     )
 
 
@@ -423,7 +426,7 @@ def changes_blocks(changes: Sequence[Change]) -> tuple[Block, ...]:
         for change in changes
     )
     columns = ("Element or extra", "Before", "Now", "#offset, now minus before, mm [95 %]", "What changed")
-    return (Table(columns, rows, count(len(rows), "change"), is_folded=len(rows) > _MANY_ROWS),)
+    return (Table(columns, rows),)
 
 
 def next_blocks(following: NextStations) -> tuple[Block, ...]:

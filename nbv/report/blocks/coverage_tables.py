@@ -20,7 +20,7 @@ from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import coverage_curve
 from nbv.report.viewer.markers import Look, is_cone, projection_of, slope_of
-from nbv.run.wording import count, letters, percent, percent_within, square_metres
+from nbv.run.wording import letters, percent, percent_within, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, IntArray
@@ -31,7 +31,6 @@ from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
 PLACE_COLUMNS = ("position x, y, z, m", "#heading, \u00b0", "#elevation, \u00b0")
-_MANY = 20
 
 
 def place_cells(pose: Pose, z_up: Pose | None = None) -> tuple[Cell, Cell, Cell]:
@@ -67,12 +66,10 @@ def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False, z_up: Po
             )
         )
     columns = ("Scan", "Name", *PLACE_COLUMNS, "#measured pixels", "#of all, %", "#farthest, m")
-    many = len(rows) > _MANY
-    return Table(columns, tuple(rows), "Every scan" if many else "", is_folded=many)
+    return Table(columns, tuple(rows))
 
 
 _MOST_PATCHES = 30  # in the report; coverage.json has all
-_MANY_ROWS, _MANY_VIEWS = 40, 12  # of longer tables a line stands in
 REASON_TEXTS = {
     "hidden": "no candidate position has a free line of sight",
     "out_of_range": "what sees it is too near or too far",
@@ -155,10 +152,9 @@ def surfaces_table(coverage: Coverage) -> Table:
         "#measured, %",
         "#missed, %",
         "#out of reach, %",
-        "#mean best cosine",
+        "#mean cosine of incidence, 0 to 1",
     )
-    many = len(rows) > _MANY_ROWS
-    return Table(columns, rows, count(len(rows), "surface") if many else "", is_folded=many)
+    return Table(columns, rows)
 
 
 def views_table(plan: Plan) -> Table:
@@ -187,8 +183,7 @@ def _stations_table(what: str, poses: Sequence[Pose], gains: Sequence[float], me
         for number, (pose, gain, share) in enumerate(zip(poses, gains, met, strict=True), start=1)
     )
     columns = (what, *PLACE_COLUMNS, "#newly measured, m\u00b2", "#measured so far, %")
-    many = len(rows) > _MANY_VIEWS
-    return Table(columns, rows, f"Every {what.lower()}" if many else "", is_folded=many)
+    return Table(columns, rows)
 
 
 _RAYS = 25  # along each side of a field of view

@@ -94,7 +94,7 @@ def baselines_section(plan: Plan, baselines: Sequence[Baseline]) -> tuple[PageSe
         "Planner",
         "knows the scene",
         f"#measured by {count(n_views, 'view')}, %",
-        "#10-90 % of runs",
+        "#10-90 % of runs, %",
         f"#views to {percent(share)} %",
     )
     note = (
@@ -261,7 +261,7 @@ def _held_against_truth(shares: ClassShares, *, in_region: bool) -> str:
     right, claimed = percent(shares.right_m2 / shares.inferred_m2), square_metres(shares.inferred_m2)
     where = ", in the region and beyond it," if in_region else ","
     return (
-        f"Held against the truth: completion infers {claimed} m\u00b2 of surface{where} of which {right} % "
+        f"Compared with the truth: completion infers {claimed} m\u00b2 of surface{where} of which {right} % "
         f"lies within 2 cm of the true surface and {wrong} m\u00b2 elsewhere. (It need not be as much as the "
         "area of its class: one inferred surface stands for both where a box's bottom lies on the floor.)"
     )
@@ -337,5 +337,4 @@ def class_table(coverage: Coverage) -> Table:
         for row in coverage.by_surface()
     )
     columns = ("Surface", "#area, m\u00b2", *(f"#{state}, %" for state in _STATES))
-    many = len(rows) > 40
-    return Table(columns, rows, f"{len(rows)} surfaces" if many else "", is_folded=many)
+    return Table(columns, rows)

@@ -22,6 +22,7 @@ from nbv.report.viewer.layers import Viewer
 from nbv.run.manifest import versions
 from nbv.run.wording import percent_within, square_metres
 from scenes.run.atomic import write_text
+from scenes.scan.doubts import merge_sentences
 
 State = Literal[
     "", "measured", "modelled", "inferred", "unknown", "unreachable",
@@ -110,7 +111,8 @@ class Cell:
 class Table:
     """A table; columns whose title begins with "#" are numbers, set to the right.
 
-    Rows can be chosen by the values of columns whose titles are `filters`.
+    Rows can be chosen by the values of columns whose titles are `filters`. Rows after the `first` are folded
+    on a screen, and can be searched.
     """
 
     columns: tuple[str, ...]
@@ -119,6 +121,7 @@ class Table:
     is_folded: bool = False
     filters: tuple[str, ...] = ()
     kind: ClassVar[str] = "table"
+    first: ClassVar[int] = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,9 +143,9 @@ class Histogram:
 
     @property
     def heights(self) -> tuple[float, ...]:
-        """Percent of the highest bin."""
+        """Percent of the highest bin, at least 3 where there is anything."""
         most = max(*self.counts, 1)
-        return tuple(100 * n / most for n in self.counts)
+        return tuple(max(100 * n / most, 3.0) if n else 0.0 for n in self.counts)
 
     @property
     def ticks(self) -> tuple[float, ...]:
@@ -201,6 +204,7 @@ class Page:
         script = script_of(has_view=self.has_view)
         return template.render(
             page=self,
+            warnings=merge_sentences(self.warnings),
             options=rows,
             versions=versions(),
             colours=state_colours(),
@@ -259,7 +263,7 @@ def _environment() -> Environment:
     return environment
 
 
-_TABLES = ("filtering", "sorting")
+_TABLES = ("filtering", "sorting", "sideways")
 VIEW_PARTS = (
     "decoding", "camera", "painting", "picking", "drawing", "panel", "gestures", "stations", "viewer",
 )  # fmt: skip
@@ -268,7 +272,7 @@ VIEW_PARTS = (
 
 @cache
 def script_of(*, has_view: bool) -> str:
-    """Return the page's script: sorted and filtered tables, and the 3-D view where there is one."""
+    """Return the page's script: tables that are sorted, filtered and scrolled, and the 3-D view, if any."""
     return joined_script((*_TABLES, *((*VIEW_PARTS, "start") if has_view else ())))
 
 

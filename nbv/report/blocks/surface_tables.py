@@ -16,6 +16,7 @@ from completion.flattening.flat import FlatRegion, FlatSurface, RegionKind
 from completion.relations.graph import Misfit, RelationGraph, misfit_of
 from completion.relations.relation import Relation, RelationStatus
 from nbv.report.blocks.page import Block, Cell, PageSection, Table, Text
+from nbv.run.plain_words import chance_text
 from nbv.run.wording import count
 from scenes.scan.colour import surface_colour
 
@@ -82,10 +83,13 @@ def relation_section(
         relations = [relation for relation in graph.relations if relation.status is status]
         rows += [_row(relation, graph, before, numbers) for relation in relations[:_MOST_ROWS]]
         left += max(len(relations) - _MOST_ROWS, 0)
-    columns = ("Surfaces", "Relation", "Status", "#off before", "#off after", "#p", "Why")
+    columns = (
+        "Surfaces", "Relation", "Status", "#off before, \u00b0 or mm", "#off after, \u00b0 or mm",
+        "#by chance, %", "Why",
+    )  # fmt: skip
     note = (
-        "off: degrees between directions, millimetres between places. p: how probable so large a misfit is "
-        f"if the relation holds. {_tolerance_text(graph)}"
+        "off: degrees between directions, millimetres between places. by chance: how probable so large a "
+        f"misfit is if the relation is true; a low value speaks against it. {_tolerance_text(graph)}"
         + (f" {count(left, 'other is', 'others are')} not shown." if left else "")
     )
     blocks: list[Block] = [Text(_summary(graph, numbers, stayed))]
@@ -96,7 +100,7 @@ def relation_section(
 def _tolerance_text(graph: RelationGraph) -> str:
     angle, length = graph.options.tolerance_deg or 0.0, graph.options.tolerance_m or 0.0
     if angle == 0 and length == 0:
-        return "What holds is taken to hold exactly."
+        return "A relation that is accepted is taken to be exact."
     return f"Things were taken to be built within {angle:.2g}\u00b0 and {1000 * length:.2g} mm of it."
 
 
@@ -105,8 +109,8 @@ def _summary(graph: RelationGraph, numbers: Sequence[int], stayed: int) -> str:
     holding = sum(relation.holds for relation in graph.relations)
     n_rejected, n_undecided = map(graph.count_with, (RelationStatus.REJECTED, RelationStatus.UNDECIDED))
     text = (
-        f"{count(holding, 'relation holds', 'relations hold')} among {count(len(graph.fits), 'surface')}; "
-        f"{n_rejected} rejected, {n_undecided} undecided. "
+        f"{count(holding, 'relation', 'relations')} accepted among {count(len(graph.fits), 'surface')} "
+        f"({n_rejected} rejected, {n_undecided} undecided). "
         f"{graph.free} of {graph.unknowns} parameters are still free."
     )
     if graph.moved_sd and max(graph.moved_sd) > 0:
@@ -117,8 +121,8 @@ def _summary(graph: RelationGraph, numbers: Sequence[int], stayed: int) -> str:
         text += ": more than chance explains." if fault else ", which chance explains."
     if stayed:
         text += (
-            f" {count(stayed, 'surface stays', 'surfaces stay')} where measured, though a relation holds: "
-            "the measured points would show the move."
+            f" {count(stayed, 'surface stays', 'surfaces stay')} where measured, though a relation was "
+            "accepted: the measured points would show the move."
         )
     return text
 
@@ -138,7 +142,7 @@ def _row(
         Cell(relation.status.value + (" (stated)" if relation.is_given else "")),
         Cell(_misfit_text(was)),
         Cell(_misfit_text(now)),
-        Cell("" if np.isnan(relation.p) else f"{relation.p:.2g}"),
+        Cell(chance_text(relation.p)),
         Cell(relation.reason),
     )
 
@@ -155,16 +159,15 @@ def _misfit_text(misfit: Misfit | None) -> str:
 
 
 _MOST_FLAT_ROWS, _MOST_AREAS = 100, 40
-_LEAST_P = 1e-6
 _LONG = "are too few to tell ripple from relief"
 _NOTE = (
-    "ripple: distance of the points from their plane, root mean square, without relief. least p flattened: "
+    "ripple: distance of the points from their plane, root mean square, without relief. least by chance: "
     "of the most evident area that was flattened. Areas of fewer than four cells always are, and those no "
     "higher than the steps that a sensor's ranges come in."
 )
 _NOTE_AREAS = (
-    "p: how probably a plane of this size with this ripple and without relief shows an area as evident "
-    "anywhere. without ripple: whether its ripple was told from its shape and taken from it too."
+    "by chance: how probably a plane of this size with this ripple and without relief shows an area as "
+    "evident anywhere. without ripple: whether its ripple was told from its shape and taken from it too."
 )
 
 
@@ -183,7 +186,7 @@ def flattening_blocks(rows: Sequence[FlatRow]) -> tuple[Block, ...]:
         return (Text("There is no plane."),)
     columns = (
         "Plane", "#ripple, mm", "#flattened, mm", "#with relief, mm", "#flattened, mm", "#relief, %",
-        "#least p flattened", "Left as it was",
+        "#least by chance, %", "Left as it was",
     )  # fmt: skip
     blocks: list[Block] = [Table(columns, tuple(_flat_row(row) for row in rows[:_MOST_FLAT_ROWS]))]
     if len(rows) > _MOST_FLAT_ROWS:
@@ -195,7 +198,10 @@ def flattening_blocks(rows: Sequence[FlatRow]) -> tuple[Block, ...]:
     if not areas:
         return (*blocks, Text("No relief was found."))
     areas.sort(key=lambda pair: -pair[1].area_m2)
-    of_areas = ("Relief on", "#height, mm", "#sd, mm", "#area, cm\u00b2", "#p", "Without ripple")
+    of_areas = (
+        "Relief on", "#height, mm", "#standard deviation, mm", "#area, cm\u00b2", "#by chance, %",
+        "Without ripple",
+    )  # fmt: skip
     blocks.append(Table(of_areas, tuple(_area_row(*area) for area in areas[:_MOST_AREAS])))
     if len(areas) > _MOST_AREAS:
         blocks.append(
@@ -216,7 +222,7 @@ def _flat_row(row: FlatRow) -> tuple[Cell, ...]:
         *(Cell(f"{1000 * value:.2f}") for value in (surface.ripple_before_m, surface.ripple_after_m)),
         *(Cell(f"{1000 * value:.2f}") for value in (surface.rms_before_m, surface.rms_after_m)),
         Cell(f"{100 * surface.n_relief / max(surface.n, 1):.1f}"),
-        Cell(p_text(min(gone)) if gone else ""),
+        Cell(chance_text(min(gone)) if gone else ""),
         Cell(surface.reason.replace(_LONG, "too few").partition(";")[0]),
     )
 
@@ -227,11 +233,6 @@ def _area_row(row: FlatRow, region: FlatRegion) -> tuple[Cell, ...]:
         Cell(f"{1000 * region.height_m:+.1f}"),
         Cell(f"{1000 * region.sd_m:.2f}"),
         Cell(f"{1e4 * region.area_m2:.3g}"),
-        Cell(p_text(region.p)),
+        Cell(chance_text(region.p)),
         Cell("yes" if region.is_cleared else "no"),
     )
-
-
-def p_text(p: float) -> str:
-    """A probability to one digit, and how small it is at most where it is tiny."""
-    return f"{p:.1g}" if p >= _LEAST_P else f"<{_LEAST_P:.0e}"

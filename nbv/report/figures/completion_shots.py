@@ -65,10 +65,10 @@ class ModelDrawings:
         labels = self.model.mesh.face_surface
         return np.asarray(layer.hit & (labels[np.maximum(layer.face, 0)] == _INFERRED), dtype=np.bool_)
 
-    def count_shown(self, camera: Camera) -> tuple[int, int]:
-        """How much inferred area, and how much at all, a camera shows."""
+    def count_shown(self, camera: Camera) -> int:
+        """How many pixels show the model to a camera; those of inferred area count twice."""
         layer = self.model.look(camera, camera.shape(_TRIAL_WIDTH))
-        return int(self.is_inferred(layer).sum()), int(layer.hit.sum())
+        return int(self.is_inferred(layer).sum()) + int(layer.hit.sum())
 
     def shoot(self, camera: Camera, where: str) -> tuple[Picture, Picture, Picture]:
         """Return the pictures as measured, completed, and completed with inferred area marked."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +129,16 @@ def mark_modelled(image: FloatArray, where: BoolArray, shade: FloatArray) -> Flo
     opacity = dots(where.shape)[where][:, None]
     dot = 0.85 * np.array(MEASURED) * shade[where, None]
     painted[where, :3] = opacity * dot + (1 - opacity) * painted[where, :3]
+    return painted
+
+
+def mark_pattern(image: FloatArray, where: BoolArray, pattern: Literal["hatched", "dotted"]) -> FloatArray:
+    """Return the image (rows, columns, 4), white stripes or grey dots over pixels `where` (rows, columns)."""
+    painted = image.copy()
+    laid = 1 - hatch(where.shape) if pattern == "hatched" else dots(where.shape)
+    opacity = laid[where][:, None]
+    tone = 1.0 if pattern == "hatched" else 0.5
+    painted[where, :3] = opacity * tone + (1 - opacity) * painted[where, :3]
     return painted
 
 

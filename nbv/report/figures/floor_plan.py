@@ -29,6 +29,7 @@ from scenes.checks import FloatArray
 _NOWHERE = np.zeros((0, 3))
 _FAINT = 0.13  # opacity of a field of view
 _MOST_NUMBERS = 6  # spelled out at one place of the plan
+_DARK_GROUND = "#1d282f"  # of cards on dark pages, as style.css has it
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -286,7 +287,7 @@ class StoreyPlan:
 
     def _labels(self, theme: Theme) -> list[Label]:
         """Numbers of stations and scans beside their signs, and names of rooms."""
-        ground = "white" if theme is LIGHT else None
+        ground = "white" if theme is LIGHT else _DARK_GROUND
         labels = [
             Label(text, place, theme.inferred, _NUMBER_PT, _DOT_PT, is_bold=True)
             for text, place, _ in self.stations

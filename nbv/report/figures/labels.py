@@ -127,7 +127,7 @@ def write_labels(axes: Axes, labels: Sequence[Label], lines: Sequence[FloatArray
             x, y, label.text, ha="center", va="center", fontsize=label.font_pt, color=label.colour,
             fontweight="bold" if label.is_bold else "normal", zorder=6 if label.dot_pt else 5.5,
             bbox=None if label.ground is None else {"facecolor": label.ground, "edgecolor": "none",
-                                                    "alpha": 0.75, "pad": 0.6},
+                                                    "alpha": 0.88, "pad": 0.6},
         )  # fmt: skip
         text.set_in_layout(False)
     return int(np.isnan(middles[:, 0]).sum())

@@ -41,11 +41,11 @@ class Theme:
 
 LIGHT = Theme(
     ink="#22313a", faint="#8b979d", line="#4a5a63", accent="#b36b00", fill="#e8edf0",
-    measured="#9ea3a3", modelled="#d1d6d6", dot="#6c7377", inferred="#2e7acc",
+    measured="#9ea3a3", modelled="#dbe0e0", dot="#6c7377", inferred="#2e7acc",
 )  # fmt: skip
 _DARK = Theme(
     ink="#dfe6ea", faint="#7d8a92", line="#b4c2c9", accent="#f0ad3d", fill="#26323a",
-    measured="#9ea3a3", modelled="#d1d6d6", dot="#6c7377", inferred="#5aa2ea",
+    measured="#9ea3a3", modelled="#dbe0e0", dot="#6c7377", inferred="#5aa2ea",
 )  # fmt: skip
 
 

@@ -14,7 +14,8 @@ from completion.export.dimension import LEVEL, Support, half_interval
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
 from completion.result.labelled_points import PROVENANCE_NAMES
-from completion.result.unknown import unknown_m2, unknown_part
+from completion.result.unknown import unknown_m2
+from nbv.run.plain_words import HOW_ITS_END_IS_KNOWN, WHY_INFERRED, WHY_IT_ENDS
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.plane import Plane
 
@@ -23,14 +24,6 @@ _SNAP_M = 0.3  # from a clicked place to an edge or plane that a cut may snap to
 _LEAST_SHARE = 0.02  # of an outline, or of what is hidden, that is worth naming
 _LEVEL_COSINE = 0.999  # of planes that are parallel: neither ends the other
 _MOST_SNAPS = 5
-
-_EDGES = {
-    "crease": "meets another surface",
-    "edge": "its own edge was seen",
-    "frame": "the image ends",
-    "no-return": "no beam came back",
-    "occluded": "something stands before it",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +91,9 @@ def facts_of(completion: Completion, number: int, place: FloatArray | None = Non
         facts["place"] = {
             "at": place.tolist(),
             "state": "unknown" if provenance < 0 else "measured" if provenance == 0 else "inferred",
-            "provenance": PROVENANCE_NAMES.get(str(provenance), "neither measured nor inferred"),
+            "provenance": WHY_INFERRED.get(
+                PROVENANCE_NAMES.get(str(provenance), ""), "neither measured nor inferred"
+            ),
             "probability": element.confidence(place),
             "sd_mm": 1000 * element.sd_m(place),
         }
@@ -114,7 +109,11 @@ def _ends(boundary: Sequence[Any]) -> list[dict[str, Any]]:
         metres[key] = metres.get(key, 0.0) + length
     ordered = sorted(metres.items(), key=lambda one: -one[1])
     return [
-        {"why": _EDGES.get(kind, kind), "known": provenance, "length_m": length}
+        {
+            "why": WHY_IT_ENDS.get(kind, kind),
+            "known": HOW_ITS_END_IS_KNOWN.get(provenance, provenance),
+            "length_m": length,
+        }
         for (kind, provenance), length in ordered
         if length > _LEAST_SHARE * sum(metres.values())
     ]
@@ -238,8 +237,8 @@ def hidden_box(completion: Completion, number: int) -> FloatArray:
     Raises InputError: all of it was measured.
     """
     facts_of(completion, number)
-    patch, derived = completion.patches[number - 1], completion.surfaces[number - 1]
-    parts = [unknown_part(patch), derived.inferred_cells]
+    derived = completion.surfaces[number - 1]
+    parts = [derived.unknown, derived.inferred_cells]
     points = np.concatenate([np.zeros((0, 3)), *(part.vertices[np.unique(part.faces)] for part in parts)])
     if not len(points):
         raise InputError(f"nothing of surface {number} is hidden")

@@ -65,7 +65,7 @@ def _inferred_layer(completion: Completion) -> Layer:
         INFERRED,
         channels=(
             Classes("state", "State", STATES, np.full(len(deviation), STATES.index(INFERRED), np.uint16)),
-            Classes("provenance", "Provenance", provenance_categories(), _numbers(why)),
+            Classes("provenance", "Why it is there", provenance_categories(), _numbers(why)),
             deviation_channel(deviation, float(deviation.max(initial=0))),
             confidence_channel(np.concatenate([none, *sure])),
             Classes("surface", "Surface", names, _numbers(number)),

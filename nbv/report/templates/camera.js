@@ -1,11 +1,13 @@
 // Camera: turns about a target, z up; columns of matrices one after the other, as WebGL wants them.
 
-const FOV = 32 * Math.PI / 180, STEEPEST = 89.5 * Math.PI / 180;
+const FOV = 32 * Math.PI / 180, STEEPEST = 89.5 * Math.PI / 180, MOST_POINTS = 1500;
 
 class Camera {
-  constructor({ size, focus, look }) {
-    Object.assign(this, { size, focus });
+  constructor({ size, focus, look, cut, layers }) {
+    const top = cut === null ? Infinity : Math.max(cut, focus[0][2]); // what is cut off at first need not be in the picture
+    Object.assign(this, { size, focus: focus.map(end => [end[0], end[1], Math.min(end[2], top)]) });
     this.look = look; // yaw and pitch
+    this.points = sampled(layers, this.focus);
     this.radius = Math.max(Math.hypot(...size) / 2, 1e-3);
     this.home(1);
   }
@@ -14,12 +16,11 @@ class Camera {
   home(aspect) {
     Object.assign(this, { yaw: this.look[0], pitch: this.look[1], fov: FOV, distance: 3 * this.radius });
     this.target = [0, 1, 2].map(axis => (this.focus[0][axis] + this.focus[1][axis]) / 2);
-    const tangent = Math.tan(FOV / 2), corners = [0, 1, 2, 3, 4, 5, 6, 7].map(k =>
-      [0, 1, 2].map(axis => this.focus[k >> axis & 1][axis]));
+    const tangent = Math.tan(FOV / 2);
     for (let round = 0; round < 12; round++) {
       const [right, up, back] = this.axes(), eye = this.eye();
-      const seen = corners.map(corner => {
-        const way = corner.map((place, axis) => place - eye[axis]), depth = Math.max(-dot(way, back), 0.02 * this.radius);
+      const seen = this.points.map(point => {
+        const way = point.map((place, axis) => place - eye[axis]), depth = Math.max(-dot(way, back), 0.02 * this.radius);
         return [dot(way, right) / depth / tangent / aspect, dot(way, up) / depth / tangent];
       });
       const [x, y] = [0, 1].map(axis => seen.map(place => place[axis])), middle = all => (Math.max(...all) + Math.min(...all)) / 2;
@@ -98,6 +99,19 @@ class Camera {
     const [right, up, back] = this.axes(), tangent = Math.tan(this.fov / 2);
     return right.map((part, axis) => part * x * tangent * aspect + up[axis] * y * tangent - back[axis]);
   }
+}
+
+// Places that are to be in the picture: evenly spread corners of the faces that are shown, moved into the bounds.
+function sampled(layers, bounds) {
+  const found = [];
+  for (const { places } of layers.filter(layer => layer.shown)) {
+    const step = Math.max(Math.floor(places.length / 3 / MOST_POINTS), 1);
+    for (let at = 0; at < places.length; at += 3 * step) {
+      const point = [...places.subarray(at, at + 3)];
+      found.push(point.map((place, axis) => Math.min(Math.max(place, bounds[0][axis]), bounds[1][axis])));
+    }
+  }
+  return found.length ? found : bounds;
 }
 
 function dot(a, b) {

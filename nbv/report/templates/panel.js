@@ -119,7 +119,7 @@ function showReadout(box, rows, onClose) {
 const KEYS = [
   ["arrows", "turn"], ["Shift + arrows", "shift"], ["+ and \u2212", "nearer, farther"], ["Home", "all of it"],
   ["1, 2, ...", "colour by"], [", and .", "view before, next view"], ["L", "look through the view"],
-  ["Enter", "read out the middle"], ["Escape", "forget the point"],
+  ["Enter", "read out the middle"], ["M", "measure a distance between two points"], ["Escape", "forget the point"],
 ];
 
 function help() {

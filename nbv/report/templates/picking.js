@@ -9,6 +9,14 @@ function picked(layers, origin, ray, culls, cut) {
   return best && { ...best, point: origin.map((place, axis) => place + best.range * ray[axis]) };
 }
 
+// How far two points are apart, metres, as rows of a readout.
+function distanceRows(from, to) {
+  const apart = to.map((place, axis) => place - from[axis]), length = Math.hypot(...apart);
+  const [unit, scale, digits] = length < 1 ? ["mm", 1000, 1] : ["m", 1, 3];
+  const text = parts => `${parts.map(part => (scale * part).toFixed(digits)).join(", ")} ${unit}`;
+  return [["Distance", text([length])], ["of it along x, y, z", text(apart)]];
+}
+
 function firstFace({ places, paint4: paint }, [ox, oy, oz], [dx, dy, dz], culls, cut, farthest) {
   let found = -1, range = farthest;
   for (let face = 0, at = 0; at < places.length; face++, at += 9) {

@@ -4,7 +4,7 @@ const GLIDE_MS = 350, MANY = 8;
 
 class View {
   constructor(figure, model) {
-    Object.assign(this, { figure, model, mode: model.mode, step: model.steps, hidden: new Set(), point: null });
+    Object.assign(this, { figure, model, mode: model.mode, step: model.steps, hidden: new Set(), point: null, from: null });
     this.modes = modesOf(model);
     if (!this.modes.some(mode => mode.key === this.mode) && this.modes.length) this.mode = this.modes[0].key;
     this.culls = model.room;
@@ -102,13 +102,14 @@ class View {
       this.culls = !shown;
       this.redraw();
     });
-    return make("div", { className: "view-row" }, cut.element, backs);
+    this.ruler = button("Measure", "Distance between two points (M)", () => { this.measure(); this.canvas.focus({ preventScroll: true }); });
+    return make("div", { className: "view-row" }, cut.element, backs, this.ruler);
   }
 
   showKey() {
     const mode = this.modes.find(one => one.key === this.mode) || { kind: "skin" };
     const paints = this.model.layers.filter(layer => !layer.channels.some(channel => channel.key === this.mode));
-    const lines = paints.filter(layer => mode.kind !== "skin" || (layer.marked && mode.key === "marked")).map(layer => layer.paint);
+    const lines = paints.filter(layer => mode.kind !== "skin" || (layer.marked && mode.key === "marked") || !(layer.images.length || layer.colours)).map(layer => layer.paint);
     const known = mode.kind === "classes" ? mode.categories.map(one => one.label) : [];
     const unlike = lines.filter((one, k) => !known.includes(one.label) && lines.findIndex(other => other.label === one.label) === k);
     const key = keyOf(this.model, mode, unlike);
@@ -191,6 +192,7 @@ class View {
     else if (event.key === "." && this.stations.length) this.go(1);
     else if (event.key.toLowerCase() === "l" && this.stations.length) this.lookThrough();
     else if (event.key === "Enter") this.pick(0, 0);
+    else if (event.key.toLowerCase() === "m") this.measure();
     else if (event.key === "Escape") this.forget();
     else return;
     event.preventDefault();
@@ -199,21 +201,47 @@ class View {
   pick(x, y) {
     const ray = this.camera.ray(x, y, this.aspect());
     const hit = picked(this.visible(), this.camera.eye(), ray, this.culls, this.cut);
-    if (!hit) return this.forget();
+    if (!hit && !this.measuring) return this.forget();
+    if (!hit) return;
+    if (!this.measuring) this.from = null;
+    this.measuring &&= !this.from; // the second point ends it
+    if (this.measuring) this.from = hit.point;
     this.point = hit;
     this.read();
     this.restroke();
+  }
+
+  // Measure from the point that is read out, or from the next one; once more gives it up.
+  measure() {
+    this.measuring = !this.measuring;
+    this.from = this.measuring && this.point ? this.point.point : null;
+    this.showRuler();
+    this.restroke();
+  }
+
+  showRuler() {
+    const ask = this.from ? "Choose the second point" : "Choose the first point";
+    const how = `${ask}: click, or Enter for the middle.`, rows = [["Distance", how], ...(this.point ? this.values : [])];
+    this.ruler.setAttribute("aria-pressed", Boolean(this.measuring));
+    if (this.measuring) showReadout(this.readout, rows, () => { this.forget(); this.canvas.focus(); });
+    else if (this.point) this.read();
+    else this.readout.hidden = true;
   }
 
   read() {
     const { layer, face, point } = this.point, { origin } = this.model;
     const place = point.map((value, axis) => (origin[axis] + value).toFixed(3)).join(", ");
     this.values = [["x, y, z", `${place} m`], ...readout(this.model, layer, face, this.step)];
+    if (this.from && !this.measuring) this.values.unshift(...distanceRows(this.from, point));
+    if (this.measuring) return this.showRuler();
+    this.ruler.setAttribute("aria-pressed", false);
     showReadout(this.readout, this.values, () => { this.forget(); this.canvas.focus(); });
   }
 
   forget() {
-    this.point = null;
+    this.point = this.from = null;
+    this.measuring = false;
+    this.ruler.setAttribute("aria-pressed", false);
     this.readout.hidden = true;
     this.restroke();
   }
@@ -242,6 +270,8 @@ class View {
         strokes.push(...fieldOf(marker, this.camera.radius).map(([from, to]) => [from, to, marker.colour || ink, marker === now ? 2 : 1]));
       }
     }
+    const end = this.point && this.point.point;
+    if (this.from && end) strokes.push([this.from, end, [200, 30, 90], 2.5], [this.from, this.from, [200, 30, 90], 4]);
     if (this.point) strokes.push([this.point.point, this.point.point, [255, 255, 255], 6], [this.point.point, this.point.point, [200, 30, 90], 4]);
     this.stage.setStrokes(strokes);
     this.redraw();

@@ -12,7 +12,7 @@ from completion.asbuilt.findings import VERDICTS, DesignCheck, ElementFinding, I
 from completion.parts.division.result import thin_points
 from nbv.inspection.record import element_label
 from nbv.inspection.verdict_colours import EXTRA_COLOUR, VERDICT_COLOURS, rgb_of
-from nbv.report.figures.drawing import MeshDrawing, paint_states
+from nbv.report.figures.drawing import MeshDrawing, mark_pattern, paint_states
 from nbv.report.figures.picture import Picture, overview_cameras, picture_of
 from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Marker, Numbers, Pattern, Viewer
 from nbv.report.viewer.part_view import neighbour_normals, point_squares
@@ -147,7 +147,9 @@ def verdict_pictures(
         layer = drawing.look(camera, camera.shape(_WIDTH), shown)
         state = np.full(layer.face.shape, -1, np.int64)
         state[layer.hit] = verdict[mesh.face_surface[layer.face[layer.hit]]]
-        pictures.append(
-            picture_of(paint_states(state, drawing.shade(layer), colours), f"Verdicts, from {side}.")
-        )
+        image = paint_states(state, drawing.shade(layer), colours)
+        for number, category in enumerate(_CATEGORIES):
+            if category.pattern != "plain":
+                image = mark_pattern(image, state == number, category.pattern)
+        pictures.append(picture_of(image, f"Verdicts, from {side}."))
     return tuple(pictures)

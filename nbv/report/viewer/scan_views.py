@@ -43,6 +43,7 @@ from nbv.report.viewer.markers import given_markers, look_of_scan, opening_lines
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.things_layer import things_layer
 from nbv.report.viewer.unknown_layer import INFERRED, MEASURED, STATES, unknown_layer
+from nbv.run.plain_words import WHY_INFERRED
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import with_known_noise
@@ -66,7 +67,9 @@ _PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6, 10, 9)  # of `Provenance`, numbers
 def provenance_categories() -> tuple[Category, ...]:
     """How a place came to be in the model, each with its colour."""
     colours = (picture.MEASURED, *(surface_rgb(k) for k in _PROVENANCE_COLOURS[1:]))
-    return tuple(Category(PROVENANCE_NAMES[str(why.value)], colours[int(why)]) for why in Provenance)
+    return tuple(
+        Category(WHY_INFERRED[PROVENANCE_NAMES[str(why.value)]], colours[int(why)]) for why in Provenance
+    )
 
 
 def scan_sightings(scans: Sequence[RangeImage], vertices: FloatArray, faces: NDArray[Any]) -> Sightings:
@@ -293,7 +296,7 @@ def _layer(
     is_inferred, n = key == "inferred", len(pieces.faces)
     channels: list[Classes | Numbers] = [
         Classes("state", "State", STATES, np.full(n, int(is_inferred), np.uint16)),
-        Classes("provenance", "Provenance", provenance_categories(), pieces.provenance),
+        Classes("provenance", "Why it is there", provenance_categories(), pieces.provenance),
         deviation_channel(1000 * pieces.sd, 1000 * most_sd),
     ]
     sightings = None
@@ -387,7 +390,7 @@ def _inferred_layer(coverage: ScanCoverage, state: StateMesh) -> Layer:
         likely = points.confidence[points.faces].min(axis=1)
         why = points.provenance[points.faces].max(axis=1).astype(np.uint16)
         channels += (
-            Classes("provenance", "Provenance", provenance_categories(), why),
+            Classes("provenance", "Why it is there", provenance_categories(), why),
             deviation_channel(sd, float(sd.max())),
             confidence_channel(likely),
         )

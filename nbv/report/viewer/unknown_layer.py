@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 
 from completion.result.completed_model import CompletedModel
-from completion.result.unknown import unknown_part
 from nbv.report.figures import picture
 from nbv.report.viewer.layers import Category, Classes, Layer
 
@@ -18,7 +17,7 @@ STATES = (MEASURED, INFERRED, UNKNOWN)
 
 def unknown_layer(completion: CompletedModel, names: tuple[Category, ...]) -> Layer:
     """Return where surfaces may go on, but were hidden, and nothing is inferred; `names` are theirs."""
-    parts = [(number, unknown_part(patch)) for number, patch in enumerate(completion.patches, start=1)]
+    parts = [(number, one.unknown) for number, one in enumerate(completion.surfaces, start=1)]
     start = np.cumsum([0, *(len(part.vertices) for _, part in parts)])
     faces = [part.faces + first for (_, part), first in zip(parts, start, strict=False)]
     vertices = np.concatenate([np.zeros((0, 3)), *(part.vertices for _, part in parts)])

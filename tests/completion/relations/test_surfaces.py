@@ -135,7 +135,7 @@ def test_what_a_person_states_is_imposed_or_rejected_and_told():
     found = complete(scan, replace(PLAIN, stated_relations=(says,)), rng=0)
     stated = [one for one in found.relations.graph.relations if one.is_given]
     assert [one.status for one in stated] == [RelationStatus.REJECTED]
-    assert any("it was stated that parallel holds of surface" in text for text in found.warnings)
+    assert any("the stated relation parallel of surface" in text for text in found.warnings)
     never = StatedRelation(kind="perpendicular", surfaces=walls, is_forbidden=True)
     found = complete(scan, replace(PLAIN, stated_relations=(never,)), rng=0)
     assert not [one for one in found.relations.graph.relations if one.is_given]

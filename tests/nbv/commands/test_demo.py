@@ -48,7 +48,7 @@ def test_demo_writes_everything(demo):
     assert summary["inferred_within_2cm"] > 0.9
     assert len(summary["scans"]) == 2
     html = (out / "report.html").read_text()
-    for words in ("Before and after", "Held against the truth", "stays unknown", "inferred"):
+    for words in ("Before and after", "Compared with the truth", "stays unknown", "inferred"):
         assert words in html
     assert "of true surface that bound the room; 3.78 m\u00b2 that bound no room are set apart" in html
     assert "faces the open air, or lies below all floors" in html

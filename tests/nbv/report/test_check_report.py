@@ -47,7 +47,7 @@ def test_the_head_says_all_in_numbers():
     text = summary(CHECK)
     assert "6 elements at a tolerance of 5 to 10 mm: 1 within, 1 deviates, 1 undecided, 1 missing" in text
     assert "247 faces were tested; 0.05 wrong \u201cdeviates\u201d are expected" in text
-    assert "z = 3.71" in text
+    assert "3.71 standard deviations" in text
     assert "moved by (1.00 ± 0.78, 0.00 ± 0.78, -9.80 ± 0.78) mm" in text
     assert "a slab 10 mm high everywhere is the alignment's" in text
     held = replace(CHECK, alignment=replace(CHECK.alignment, is_free=False))

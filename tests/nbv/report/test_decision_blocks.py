@@ -16,7 +16,8 @@ def test_each_dimension_has_a_row_with_its_word_and_the_rule_stands_above():
     assert text.text.startswith("5 dimensions: 5 \u00d7 rely. Rely: half the 95 % interval is at most 10 mm")
     first = table.rows[0]
     assert [cell.text for cell in first[:2]] == ["room width", "4 6"]
-    assert float(first[3].text) <= 6.0 <= float(first[4].text)
+    low, high = (cell.text.removesuffix(" m") for cell in first[3:5])
+    assert float(low) <= 6.0 <= float(high)
     assert (first[-1].text, first[-1].state) == ("rely", "measured")
     assert note.is_note
 

@@ -10,9 +10,10 @@ import pytest
 from PIL import Image
 
 from nbv.inspection.checking import CheckedDesign
-from nbv.report.blocks.page import Page, PageSection
+from nbv.report.blocks.page import Cell, Page, PageSection, Table
 from nbv.report.check_report import check_page
 from nbv.report.viewer.layers import Classes, Layer
+from scenes.mesh.labelled_mesh import Appearance
 from tests.helpers.browser import Browser, needs_chromium
 from tests.helpers.long_cases import first_in_gate
 from tests.helpers.view_examples import (
@@ -256,6 +257,123 @@ def test_tables_are_sorted_by_press_and_key(tab):
     assert tab.run(column.format(0))[0] == EVIL
 
 
+def long_page(columns=2):
+    """A table of 63 rows, the last one called "needle", and more columns than asked for are numbers."""
+    names = [*(f"row {k}" for k in range(62)), "needle"]
+    rows = tuple((Cell(name), *(Cell(str(k)) for _ in range(columns - 1))) for k, name in enumerate(names))
+    table = Table(("Name", *(f"#quantity {k}, m\u00b2" for k in range(columns - 1))), rows)
+    return Page("Long", "Test", "", (), None, (PageSection("Table", (table,)),))
+
+
+SHOWN_ROWS = (
+    "[...document.querySelectorAll('tbody tr')].filter(row => row.offsetParent)"
+    ".map(row => row.cells[0].textContent)"
+)
+
+
+def test_a_long_table_is_folded_searched_sorted_and_printed_whole(browser, tmp_path):
+    long_page().write(tmp_path / "long.html")
+    tab = browser.open(tmp_path / "long.html", 900, 700)
+    assert tab.run(SHOWN_ROWS) == [f"row {k}" for k in range(20)]
+    assert tab.run("document.querySelector('.more summary').innerText.trim()") == "and 43 more rows"
+    tab.run("document.querySelectorAll('th button')[1].click()")
+    tab.run("document.querySelectorAll('th button')[1].click()")
+    assert tab.run(SHOWN_ROWS)[:2] == ["needle", "row 61"]
+    assert len(tab.run(SHOWN_ROWS)) == 20
+    tab.run(
+        "(s => { s.value = 'ROW 6'; s.dispatchEvent(new Event('input', { bubbles: true })); })"
+        "(document.querySelector('input[type=search]'))"
+    )
+    assert tab.run(SHOWN_ROWS) == ["row 61", "row 60", "row 6"]
+    assert tab.run("document.querySelector('.more').hidden")
+    tab.run(
+        "(s => { s.value = ''; s.dispatchEvent(new Event('input', { bubbles: true })); })"
+        "(document.querySelector('input[type=search]'))"
+    )
+    tab.call("Emulation.setEmulatedMedia", media="print")
+    assert len(tab.run(SHOWN_ROWS)) == 63
+    tab.call("Emulation.setEmulatedMedia", media="")
+    tab.run("document.querySelector('.more summary').click()")
+    assert len(tab.run(SHOWN_ROWS)) == 63
+    assert tab.complaints() == []
+    tab.close()
+
+
+def test_without_scripts_a_long_table_still_opens(browser, tmp_path):
+    long_page().write(tmp_path / "long.html")
+    tab = browser.open(tmp_path / "long.html", 900, 700, scripts=False)
+    assert len(tab.run(SHOWN_ROWS)) == 20
+    left, top, _, height = tab.box(".more summary")
+    tab.click(left + 20, top + height / 2)
+    assert len(tab.run(SHOWN_ROWS)) == 63
+    tab.close()
+
+
+@pytest.mark.parametrize(("columns", "scrolls"), [(2, False), (9, True)])
+def test_a_table_that_is_wider_than_the_page_says_so(browser, tmp_path, columns, scrolls):
+    long_page(columns).write(tmp_path / "wide.html")
+    tab = browser.open(tmp_path / "wide.html", 390, 700)
+    note = "document.querySelector('.sideways')"
+    tab.wait_for(f"{note}.hidden === {str(not scrolls).lower()}")
+    assert tab.run("document.querySelector('.scroll').tabIndex") == (0 if scrolls else -1)
+    tab.close()
+
+
+def test_a_distance_is_measured_by_clicks_and_by_keys(tab):
+    tab.run(f"{VIEW}.ruler.click()")
+    assert "first point" in tab.run("document.querySelector('.view-readout').textContent")
+    click_at(tab, LEFT)
+    assert "second point" in tab.run("document.querySelector('.view-readout').textContent")
+    click_at(tab, RIGHT)
+    length = np.linalg.norm(np.subtract(RIGHT, LEFT))
+    text, unit = values(tab)["Distance"].split(" ")
+    assert (float(text), unit) == (pytest.approx(length, abs=0.03), "m")
+    assert values(tab)["of it along x, y, z"].startswith("2.9")
+    tab.press("Escape")
+    assert tab.run("document.querySelector('.view-readout').hidden")
+    # the middle is read out, and measured from; the second point is 0.3 m away
+    tab.run(f"document.querySelector('canvas').focus(); {VIEW}.camera.shift(-0.1, 0)")
+    tab.press("Enter")
+    tab.press("m")
+    start = tab.run(f"{VIEW}.point.point")
+    tab.run(f"{VIEW}.camera.shift(0.05, 0)")
+    tab.press("Enter")
+    apart = np.linalg.norm(np.subtract(tab.run(f"{VIEW}.point.point"), start))
+    text, unit = values(tab)["Distance"].split(" ")
+    assert (float(text) / (1000 if unit == "mm" else 1), unit) == (pytest.approx(apart, abs=1e-3), "mm")
+    tab.press("Enter")  # the next point begins anew
+    assert "Distance" not in values(tab)
+
+
+def test_what_is_unknown_is_named_in_natural_colours_too_and_can_be_switched_off(browser, tmp_path):
+    corners, faces = floor(0.0)
+    skin = Appearance(np.full((2, 3, 3), 0.4, np.float32))
+    natural = Layer("measured", "measured", corners, faces, MEASURED, skin=skin)
+    unknown = Layer("unknown", "unknown: hidden, not inferred", floor(3.0)[0], faces, UNKNOWN)
+    view = replace(known_view(), layers=(natural, unknown), mode="skin", met=(), lines=())
+    replace(known_page(), sections=(PageSection("View", (view,)),)).write(tmp_path / "unknown.html")
+    tab = browser.open(tmp_path / "unknown.html", 640, 520)
+    tab.wait_for(IS_LIVE)
+    assert "unknown" in tab.run("document.querySelector('.view-key').textContent")
+    assert is_orange(colour_at(tab, RIGHT))
+    switch(tab, "unknown")
+    assert not is_orange(colour_at(tab, RIGHT))
+    assert tab.complaints() == []
+    tab.close()
+
+
+def test_the_first_picture_is_filled_by_what_is_shown(tab):
+    """The middle of each side of the picture's filled part lies within a tenth of the picture's edge."""
+    tab.run(
+        "for (const key of ['openings', 'fields', 'stations'])"
+        " document.querySelector(`input[type=checkbox][value=${key}]`).click();"
+    )
+    pixels = tab.pixels("canvas").astype(int)
+    rows, columns = np.nonzero(np.abs(pixels - pixels[4, 4]).max(axis=2) > 20)
+    across, along = np.ptp(columns) / pixels.shape[1], np.ptp(rows) / pixels.shape[0]
+    assert 0.85 < max(across, along) <= 1
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
@@ -405,7 +523,8 @@ def test_elements_of_a_check_are_chosen_by_verdict_storey_and_class(browser, tmp
     tab = browser.open(tmp_path / "check.html", 900, 700)
     tab.wait_for("document.querySelector('.filters')")
     bar = "document.querySelectorAll('.filters')[0]"
-    shown = f"[...{bar}.nextElementSibling.querySelectorAll('tbody tr')].filter(r => r.offsetHeight).length"
+    rows = f"[...{bar}.nextElementSibling.nextElementSibling.querySelectorAll('tbody tr')]"
+    shown = f"{rows}.filter(r => r.offsetHeight).length"
 
     def chosen(number, value):
         tab.run(f"{bar}.children[{number}].value = '{value}'")
@@ -414,8 +533,8 @@ def test_elements_of_a_check_are_chosen_by_verdict_storey_and_class(browser, tmp
 
     assert tab.run(f"{bar}.children.length") == 4  # three choices, and how many
     assert tab.run(shown) == 5
-    assert chosen(2, "IfcWall") == (3, "3 of 5")
-    assert chosen(0, "deviates") == (1, "1 of 5")
-    assert chosen(0, "missing") == (0, "0 of 5")
+    assert chosen(2, "IfcWall") == (3, "3 of 5 rows")
+    assert chosen(0, "deviates") == (1, "1 of 5 rows")
+    assert chosen(0, "missing") == (0, "0 of 5 rows")
     assert tab.complaints() == []
     tab.close()

@@ -9,6 +9,7 @@ import pytest
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
 from completion.pipeline import complete
+from completion.result.unknown import unknown_part
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.tour import Leg, Tour
@@ -22,7 +23,6 @@ from nbv.report.viewer.layers import Category, Layer, best_camera, focus
 from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scan_views import _CATEGORIES, completion_view, find_occluders, state_view
 from nbv.report.viewer.scene_view import near_hull, scene_view
-from nbv.report.viewer.unknown_layer import unknown_part
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from nbv.scans.next_stations import plan_next_stations

@@ -170,7 +170,7 @@ function showFacts(facts, place) {
   }
   const number = facts.surface, spot = facts.place, anchor = facts.anchor;
   const hides = facts.hidden_by.map(one => `${one.surface ? `surface ${one.surface}` : "what belongs to no surface"} ${Math.round(100 * one.share)} %`);
-  const ends = facts.ends.map(one => `${one.length_m.toFixed(2)} m: ${one.why} (${one.known === "measured" ? "seen" : `inferred: ${one.known}`})`);
+  const ends = facts.ends.map(one => `${one.length_m.toFixed(2)} m: ${one.why} (${one.known})`);
   const rows = [
     ["here", spot && `${spot.state}${spot.state === "inferred" ? `, ${spot.provenance}, probability ${spot.probability.toFixed(2)}` : ""}${spot.sd_mm === null ? "" : `, \u00b1${(1.96 * spot.sd_mm).toFixed(1)} mm`}`],
     ["area", `${m2(facts.measured_m2)} measured, ${m2(facts.inferred_m2)} inferred, ${m2(facts.unknown_m2)} unknown`],

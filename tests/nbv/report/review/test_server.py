@@ -128,7 +128,7 @@ def test_a_click_is_answered_by_what_is_known_there(client, server):
     assert 0 < found["place"]["probability"] <= 1
     assert found["inferred_m2"] == pytest.approx(patch.hypothesised_m2)
     assert sum(one["share"] for one in found["hidden_by"]) == pytest.approx(1, abs=0.2)
-    assert any(one["known"] == "measured" for one in found["ends"])
+    assert any(one["known"] == "seen" for one in found["ends"])
     assert found["seen_by"][0]["pixels"] > 100
     assert post(client, server, "ask", place=[50, 50, 50]).json == {"surface": None}
     assert post(client, server, "ask", surface=99).status_code == 422
