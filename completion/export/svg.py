@@ -140,6 +140,7 @@ text { fill: #000; font-size: 2.6px; }
 _TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
 _TOLD_UNKNOWN = "Widths between walls in metres; how exact they are is not known."
 _TOLD_AREAS = "Areas are between walls, doorways and things not taken off."
+_TOLD_NOTHING = "No room is closed by walls, and no two walls face each other: no area and no width."
 _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 _LEGEND = 4  # kinds of lines in a row of the legend
@@ -188,7 +189,11 @@ def svg_of(building: BuildingParts) -> str:
         *stamps,
         "</g>",
         f'<path class="frame" d="M{_n(left)} {_n(top)}h{_n(wide)}v{_n(high)}h{_n(-wide)}z"/>',
-        *_block(paper, [_told_scans(building.model, plan), *_told_widths(widths, bool(stamps))], drawn),
+        *_block(
+            paper,
+            [_told_scans(building.model, plan), *(_told_widths(widths, bool(stamps)) if drawn else ())],
+            drawn,
+        ),
     ]
     size = f'width="{_n(paper.width_mm)}mm" height="{_n(paper.height_mm)}mm"'
     return "\n".join(
@@ -296,7 +301,8 @@ def _told_widths(drawn: Sequence[str], has_stamps: bool) -> list[str]:
     is_inferred = any("on-inferred" in text for text in drawn)
     sentence = _TOLD_WIDTHS if any("\u00b1" in text for text in drawn) else _TOLD_UNKNOWN
     told = [sentence + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
-    return [*told, *([_TOLD_AREAS] if has_stamps else [])]
+    told += [_TOLD_AREAS] if has_stamps else []
+    return told or [_TOLD_NOTHING]
 
 
 def told_width(dimension: Dimension) -> str:

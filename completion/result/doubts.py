@@ -157,7 +157,7 @@ def _rough_text(rough: Sequence[tuple[int, Patch, float]]) -> str:
     more = f" and {len(rough) - _NAMED} more" if len(rough) > _NAMED else ""
     return (
         "points lie centimetres off their surface (rms), far more than the range noise: surface "
-        f"{named}{more}; is it bent or rough, or are the poses of several scans off (--registration)?"
+        f"{named}{more}; is it bent or rough, or are the poses of several scans off (--registration-sd)?"
     )
 
 

@@ -42,6 +42,7 @@ from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.run.journal import FileJournal
 from scenes.scan.range_image import RangeImage
 
+_WIDEST_M = 0.1  # half an interval beyond which nobody relies on a length
 _MOST_SURFACES = 8  # that a line of the summary lists
 
 
@@ -326,12 +327,14 @@ def _lines_to_rely(decisions: DecisionSheet) -> list[str]:
     hidden = [one for one in others if one not in absent and one.measured_share < LEAST_MEASURED]
     needed = sorted(one.half / one.across_m for one in others if one not in absent and one not in hidden)
     lines = []
-    if needed and np.isfinite(needed[0]):
+    if needed and needed[0] <= _WIDEST_M:
         nearest = f"--rely {_rounded_up(needed[0]):g}"
         lines.append(f"rely on {len(needed)} more with a wider tolerance: {nearest} for the nearest")
     for held, condition in ((hidden, "half of each is measured"), (absent, "their ends are seen")):
         if held:
             labels = sorted({label for one in held for label in one.surfaces})
+            if not labels:  # of things alone: they are in things.json
+                continue
             listed = ", ".join(map(str, labels[:_MOST_SURFACES])) + ", ..." * (len(labels) > _MOST_SURFACES)
             lines.append(f"rely on {len(held)} more once {condition}: scan surfaces {listed}")
     return [f"{'':10}{line}" for line in lines]

@@ -221,13 +221,20 @@ def _lines_of_kinds(dimensions: PartDimensions) -> list[str]:
     kinds = [row.kind for row in dimensions.rows if row.kind not in ("overall size", "volume", "area")]
     if not kinds:
         return []
-    plural = {"radius": "radii", "thickness": "thicknesses"}
-    words = {kind: plural.get(kind, "") for kind in dict.fromkeys(kinds)}
+    words = {kind: _plural(kind) for kind in dict.fromkeys(kinds)}
     text = ", ".join(count(kinds.count(kind), kind, many) for kind, many in words.items())
     lengths = [row for row in dimensions.rows if row.unit == "m" and row.kind in kinds]
     least = max(lengths, key=lambda row: row.high - row.low, default=None)
     doubt = "" if least is None else f"; least certain: {least.kind} {value_text(least)}"
     return [f"dimensions {text}{doubt}"]
+
+
+def _plural(kind: str) -> str:
+    """Several dimensions of a kind: fillet radii, thicknesses, distances axis to plane."""
+    if " to " in kind:
+        return f"distances {kind}"
+    changed = kind.replace("radius", "radii").replace("thickness", "thicknesses")
+    return changed if changed != kind else f"{kind}s"
 
 
 _PLURAL = {"boss": "bosses", "outer": "outer", "turned": "turned", "open": "open"}

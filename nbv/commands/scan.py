@@ -30,7 +30,7 @@ from scenes.io.scan_files import split_index, write_scans, writer_for
 from scenes.pose import Pose
 from scenes.run.atomic import make_folder
 
-_EMPTY = "is it looking away from the scene, from within something, or beyond the range of the sensor?"
+_EMPTY = "does it look away from the scene, or from within something? The sensor measures"
 
 
 def poses_of(asked: ScanOptions) -> dict[int, Pose]:
@@ -90,7 +90,9 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
         _place(run, cases, suffix)
         warnings = [*scene.warnings, *missing_errors(sensor, asked.noise)]
         run.warn(warnings)
-        run.warn(f"{record['name']} has no returns: {_EMPTY}" for record in records if not record["returns"])
+        reach = f"{sensor.min_range_m:g} to {sensor.max_range_m:g} m"
+        empty = [record["name"] for record in records if not record["returns"]]
+        run.warn(f"{name} has no returns: {_EMPTY} {reach}" for name in empty)
         one = sensor.scan_time_s
         time_s = None if one is None else one * len(records)
         summary = {"scene": scene.name, "sensor": sensor.name, **_summary(records), "scan_time_s": time_s}

@@ -51,9 +51,13 @@ def run_study_file(shared: Shared, asked: StudyOptions) -> None:
     ) as run:
         run.watch.enter("load")
         spec = read_study(file)
-        run.read([file, *(scene.scene for scene in spec.scenes), *(sensor.sensor for sensor in spec.sensors)])
-        if isinstance(spec, ScanStudySpec):
-            run.read([poses.file for poses in spec.poses if poses.file is not None])
+        poses = spec.poses if isinstance(spec, ScanStudySpec) else ()
+        run.read([
+            file,
+            *(scene.scene for scene in spec.scenes),
+            *(sensor.sensor for sensor in spec.sensors),
+            *(one.file for one in poses if one.file is not None),
+        ])  # fmt: skip
         check_results(spec.results)
         run.warn(chain.from_iterable(missing_errors(load_sensor(s.sensor), s.noise) for s in spec.sensors))
         if part is not None:

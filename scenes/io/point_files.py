@@ -329,4 +329,4 @@ def _doubts(points: FloatArray) -> tuple[str, ...]:
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     if diagonal <= LARGE_PART_M:
         return ()
-    return (f"the diagonal is {diagonal:.3g} m; if the file is in mm, cm, in or ft give --units",)
+    return (f"the diagonal is {diagonal:.3g} m; if that is wrong, --units says the file's unit",)

@@ -313,9 +313,9 @@ def _size_doubt(mesh: LabelledMesh) -> tuple[str, ...]:
 def units_doubt(diagonal_m: float) -> str:
     """Return a warning when a diagonal looks like another unit, "" otherwise."""
     if diagonal_m < SMALL_M:
-        return f"the diagonal is {diagonal_m:.3g} m; if the file is not in metres give --units"
+        return f"the diagonal is {1000 * diagonal_m:.3g} mm; if that is wrong, --units says the file's unit"
     if diagonal_m > LARGE_M:
-        return f"the diagonal is {diagonal_m:.3g} m; if the file is in mm, cm, in or ft give --units"
+        return f"the diagonal is {diagonal_m:.3g} m; if that is wrong, --units says the file's unit"
     return ""
 
 

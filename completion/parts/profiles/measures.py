@@ -76,7 +76,7 @@ def leaders_of(profile: Profile) -> list[Measure]:
             way = -away if id(one) in hollow and not one.is_whole else away
             place = one.centre + one.radius * away
             found.append(_measure(profile, times * one.radius, times * by, place, way, sign=sign))
-        elif _slant(profile, one) > _ALONG:
+        elif one.length > 0 and _slant(profile, one) > _ALONG:
             x, y = one.end - one.start
             by = _by(profile, one.wall, [0, 1]) - (0 if datum is None else _by(profile, datum.wall, [0, 1]))
             angle, normal = float(np.arctan2(abs(y), abs(x))), np.array([y, -x]) / one.length

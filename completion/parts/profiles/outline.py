@@ -340,7 +340,10 @@ def _joined(
 def _area(chain: Chain, segments: Sequence[Segment]) -> shapely.Polygon:
     """The area within a chain, empty of an open one."""
     polygon = Loop(tuple(segments), "outer" if chain.is_closed else "open").polygon
-    return polygon if polygon.is_valid else polygon.buffer(0)
+    if polygon.is_valid:
+        return polygon
+    parts = shapely.get_parts(polygon.buffer(0))  # one that crosses itself may fall apart
+    return max(parts, key=lambda part: part.area, default=shapely.Polygon())
 
 
 class _Traced(NamedTuple):

@@ -712,4 +712,4 @@ def test_doubtful_units_are_warned_of_where_scenes_and_scans_are_used(tmp_path, 
 def test_a_scan_that_meets_nothing_is_told(tmp_path):
     away = succeed("scan", "builtin:chair_before_wall", "--sensor", "generic60", "--at", "50,50,1",
                    "--look", "80,80,1", "-o", tmp_path / "a.npz")  # fmt: skip
-    assert "warning: scan has no returns: is it looking away" in away.stderr
+    assert "warning: scan has no returns: does it look away from the scene" in away.stderr

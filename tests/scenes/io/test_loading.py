@@ -170,7 +170,7 @@ def test_faces_without_area_and_doubtful_units_are_warned_of(tmp_path: Path) -> 
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n")
     assert load_scene(tmp_path / "a.obj").warnings == ("1 of 2 faces have no area; no ray can hit them",)
     (warning,) = load_scene(tmp_path / "a.obj", units="mm").warnings[1:]
-    assert warning == "the diagonal is 0.00224 m; if the file is not in metres give --units"
+    assert warning == "the diagonal is 2.24 mm; if that is wrong, --units says the file's unit"
 
 
 def test_rooms_and_objects(tmp_path: Path) -> None:

@@ -351,7 +351,7 @@ def test_obj_in_millimetres_without_its_materials(tmp_path: Path) -> None:
     )
     doubts = " ".join(load_scene(path).warnings)
     assert "'gone.mtl' is missing" in doubts
-    assert "if the file is in mm" in doubts
+    assert "--units says the file's unit" in doubts
     assert np.allclose(np.ptp(load_scene(path, units="mm", up="z").mesh.vertices, axis=0), [2, 1, 4])
 
 

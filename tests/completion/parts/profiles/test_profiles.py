@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 import io
+from itertools import pairwise
 
 import ezdxf
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from completion.fitting.result import SurfaceFit
 from completion.parts.pipeline import model_part
-from completion.parts.profiles.chain import Chain, Piece
+from completion.parts.profiles.chain import Chain, Piece, Segment
 from completion.parts.profiles.drawing import drawn_sheet, scale_text, value_text
 from completion.parts.profiles.measures import leaders_of, ordinates_of
-from completion.parts.profiles.outline import outline_of
+from completion.parts.profiles.outline import _area, outline_of
 from completion.parts.profiles.partition import curves_of, partition
 from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile, profile_record
@@ -215,3 +217,14 @@ def test_exact_points_have_profiles_too():
     sides = [float(np.linalg.norm(one.end - one.start)) for one in loop.segments]
     assert [one.centre for one in loop.segments] == [None] * 4
     assert sorted([*sides[:2], loop.high_m - loop.low_m]) == pytest.approx([0.008, 0.012, 0.018], abs=1e-6)
+
+
+def test_an_outline_that_crosses_itself_is_its_largest_part() -> None:
+    corners = np.array([[0.0, 0], [1, 1], [3, -1], [3, 3], [1, 1], [0, 2]])  # two triangles tip to tip
+    lines = [Segment.line(0, one, two) for one, two in pairwise([*corners, corners[0]])]
+    chain = Chain(pieces=(), is_forward=(), corners=tuple(corners), is_closed=True, on_axis=False)
+    area = _area(chain, lines)
+    assert isinstance(area, shapely.Polygon)
+    assert area.area == pytest.approx(4.0)  # of the right one; the left one has 1
+    flat = [Segment.line(0, one, two) for one, two in pairwise(np.array([[0.0, 0], [1, 0], [2, 0], [0, 0]]))]
+    assert _area(chain, flat).is_empty
