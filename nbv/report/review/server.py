@@ -15,6 +15,7 @@ from werkzeug.exceptions import BadRequest, Forbidden, HTTPException, NotFound
 from werkzeug.serving import BaseWSGIServer, WSGIRequestHandler, make_server
 from werkzeug.wrappers import Request, Response
 
+from completion.result.completion import Completion
 from nbv.report.review.asking import distance_between, facts_of, rectangle, snaps_at, surface_at
 from nbv.report.review.page_text import page_text
 from nbv.report.review.session import ReviewSession
@@ -28,6 +29,7 @@ from scenes.run.atomic import json_text
 
 _HOST = "127.0.0.1"
 _MOST_BYTES = 1 << 20  # of a question
+_KEPT = 4  # views that are kept as they are sent
 _SAFE = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
@@ -62,7 +64,7 @@ class ReviewServer:
     save: Callable[[], list[str]]
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     first: Viewer | None = None
-    _encoded: dict[tuple[int, bool], str] = field(default_factory=dict)
+    _encoded: list[tuple[Completion, str]] = field(default_factory=list)
     _drawing: threading.Lock = field(default_factory=threading.Lock)
 
     def listen(self, port: int = 0) -> BaseWSGIServer:
@@ -176,11 +178,12 @@ class ReviewServer:
             completion = tried[1] if is_trial and tried is not None else self.session.completion
             if self.first is None:
                 self.first = first_view(self.session.completion)
-            key = id(completion), is_trial
-            if key not in self._encoded:
-                self._encoded = {key: encode_view(view_after(self.first, completion)), **self._encoded}
-                self._encoded = dict(list(self._encoded.items())[:4])
-            return self._encoded[key]
+            for held, text in self._encoded:
+                if held is completion:
+                    return text
+            text = encode_view(view_after(self.first, completion))
+            self._encoded = [(completion, text), *self._encoded[: _KEPT - 1]]
+            return text
 
     def _drawn(self, places: FloatArray) -> FloatArray:
         """Places (n, 3) of the world in coordinates of drawings, z up, as the page has them."""
