@@ -78,7 +78,16 @@ def _faces(back: PartBack) -> Table:
         for face in back.faces
     ]
     return Table(
-        ("Surface", "Kind", "Inferred", "By", "#area, cm\u00b2", "#sd, mm", "#probability, %"), tuple(rows)
+        (
+            "Surface",
+            "Kind",
+            "Inferred",
+            "By",
+            "#area, cm\u00b2",
+            "#standard deviation, mm",
+            "#probability, %",
+        ),
+        tuple(rows),
     )
 
 

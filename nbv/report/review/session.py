@@ -147,7 +147,7 @@ class ReviewSession:
             sizes = [seen.scan.ranges.size for seen in self.surfaces.observations]
             with Steps.over(sizes, self.n_threads, None, NO_JOURNAL) as steps:
                 bounded = self._bound(document, options, steps)
-                journal = self._extended.of(_shape_of(document), bounded)
+                journal = self._extended.of(bounded)
                 made = complete_surfaces(
                     self.surfaces, self.world_from_reference, options, replace(steps, journal=journal),
                     seed=0, bounded=bounded,
@@ -219,13 +219,14 @@ class _Extended:
     keys: list[str] = field(default_factory=list)
     before: list[list[str]] = field(default_factory=list)
 
-    def of(self, shape: str, bounded: BoundedSurfaces) -> _Extended:
-        """Return it for these surfaces; forget what the last few completions had no use for."""
-        self.keys = []
-        for number, surface in enumerate(bounded.related.surfaces):
-            held = BytesIO()
-            pack(surface.edits, held)
-            self.keys.append(f"{number} {sha256(held.getvalue()).hexdigest()} {shape}")
+    def of(self, bounded: BoundedSurfaces) -> _Extended:
+        """Return it for these surfaces; forget what the last few completions had no use for.
+
+        How far one goes depends on all of them, as they were fitted and moved, and on its own edits.
+        """
+        related = bounded.related
+        every = _digest(([one.surface for one in related.surfaces], related.stated, bounded.features))
+        self.keys = [f"{k} {_digest(one.edits)} {every}" for k, one in enumerate(related.surfaces)]
         self.before = [*self.before[1 - _KEPT :], self.keys]
         used = {key for keys in self.before for key in keys}
         self.known = {key: value for key, value in self.known.items() if key in used}
@@ -248,6 +249,12 @@ class _Extended:
 
     def offer(self, name: str, work: Callable[[], object]) -> None:
         """Do nothing: `step` will."""
+
+
+def _digest(value: object) -> str:
+    held = BytesIO()
+    pack(value, held)
+    return sha256(held.getvalue()).hexdigest()
 
 
 def _remember(known: dict[str, _Held], key: str, value: _Held) -> None:
