@@ -95,7 +95,7 @@ class UserOptions(Value):
     )
     registration_m: float = option(
         "--registration",
-        "Pose error of several scans, where the scans do not show it.",
+        "Pose error to assume if the scans do not show it.",
         0.005,
         metavar="M",
         limits=NOT_NEGATIVE,
