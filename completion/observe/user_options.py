@@ -78,7 +78,7 @@ class UserOptions(Value):
     )
     min_area_m2: float | None = option(
         "--min-area",
-        "Surfaces with less measured area stay as measured; 0: none.",
+        "Smallest measured area of a surface to be continued; 0 continues all.",
         None,
         metavar="M2",
         shown="0.05 at most, of planes",
