@@ -175,7 +175,7 @@ COMMANDS = {
     "demo": Command(
         shared.NoOptions,
         "demo:run_demo",
-        "All of it on a built-in room: plan, scan, complete, report.",
+        "All commands on a built-in room: plan, scan, complete, report.",
         "Plan, scan, complete, texture and report on a built-in room with two occluders.",
         ("unseen demo -o out/demo",),
     ),
@@ -226,8 +226,8 @@ COMMANDS = {
     "study": Command(
         planning.StudyOptions,
         "study:run_study_file",
-        "Scenes x sensors x requirements x planners x seeds.",
-        "Plan scenes x sensors x requirements x planners x seeds; run again to continue.",
+        "Compare planners over scenes, sensors, requirements and seeds.",
+        "Plan each combination of scenes, sensors, requirements, planners and seeds; run again to continue.",
         (
             "unseen study STUDY.toml -o out/study",
             "unseen study STUDY.toml --part 3/16 -o out/study",

@@ -212,7 +212,7 @@ def _piece(
 
 
 def _onward(progress: Progress, n_before: int, n_to_fill: int) -> Progress:
-    """Return a progress of a tile that tells the whole hole's."""
+    """Return a callback that turns the progress of one tile into that of the whole hole, in pixels."""
     return lambda done, _total: progress(n_before + done, n_to_fill)
 
 

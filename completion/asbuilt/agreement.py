@@ -274,9 +274,9 @@ def _settle(
     gate: float,
     out: tuple[FloatArray, BoolArray, BoolArray],
 ) -> float:
-    """Write residuals, and which beams are on the surface and in its middle; return the robust sd.
+    """Write the residuals, the beams on the surface and the core among them; return the robust sd, metres.
 
-    Beams of scan k are those from `bounds[k]` to `bounds[k + 1]`, and may be off by `bound[k]` as a whole.
+    Scan k has the beams from `bounds[k]` to `bounds[k + 1]`; they may share an offset of up to `bound[k]`.
     """
     residual, on, core = out
     n, sd = y.size, float(np.median(sigma))

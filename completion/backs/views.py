@@ -199,7 +199,7 @@ def _eye_of(scan: RangeImage, part: tuple[slice, slice]) -> tuple[Eye, FloatArra
     elif isinstance(camera, SphericalProjection):
         angles = np.concatenate([camera.elevations[rows], camera.azimuths[columns]])
     else:
-        raise TypeError(f"no place can be looked up in a {type(camera).__name__}")
+        raise TypeError(f"points cannot be projected into a {type(camera).__name__}")
     x, y, z = map(triple, inverse.rotation)
     eye = Eye(
         turn=(x, y, z), shift=triple(inverse.translation), origin=triple(scan.origin),

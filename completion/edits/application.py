@@ -133,7 +133,7 @@ def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) ->
 def _merge(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> EditedSurface:
     """All parts as one surface, fitted anew to all their pixels from the largest one."""
     if len(parts) < 2:
-        raise InputError(f"{edit.source}: all that it names is one surface already")
+        raise InputError(f"{edit.source}: all surfaces that it names are one surface already")
     largest = max((part.surface for part in parts), key=lambda surface: surface.n_pixels)
     pixels = ScanPixels.of(
         [
@@ -173,7 +173,7 @@ def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurfac
         if n_pixels < _FEWEST:
             raise InputError(
                 f"{edit.source}: only {n_pixels} of {whole.surface.n_pixels} measured pixels lie on one side "
-                f"of it; a part takes {_FEWEST}"
+                f"of its line; each part needs at least {_FEWEST}"
             )
         part = _refit(MergedSurface(whole.surface.fit, pixels, 1), edit, place)
         edits = whole.edits
@@ -212,7 +212,9 @@ def _cut(surface: MergedSurface, edit: Edit, place: _Place) -> Plane:
         along = end - start
         across = np.cross(along, surface.fit.surface.normal((start + end)[None] / 2)[0])
         if np.linalg.norm(across) < 0.1 * np.linalg.norm(along):
-            raise InputError(f"{edit.source}: its line stands on the surface; draw it along the surface")
+            raise InputError(
+                f"{edit.source}: its line is perpendicular to the surface; draw it along the surface"
+            )
         plane = Plane(start, across)
     side = np.median(plane.distance(surface.points(place.observations)))
     return plane if side >= 0 else plane.flip()

@@ -68,7 +68,7 @@ def _widths(seen: Observation, tiles: tuple[int, int]) -> FloatArray:
     if isinstance(camera, PinholeProjection):
         return np.full(tiles, np.hypot(0.5 / camera.fx, 0.5 / camera.fy) + _SLACK)
     if not isinstance(camera, SphericalProjection):
-        raise TypeError(f"no place can be looked up in a {type(camera).__name__}")
+        raise TypeError(f"points cannot be projected into a {type(camera).__name__}")
 
     def widest(angles: FloatArray) -> FloatArray:
         steps = np.abs(np.diff(angles)) if len(angles) > 1 else np.array([camera.pixel_angle])

@@ -75,7 +75,7 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> ScanSight:
     elif isinstance(camera, SphericalProjection):
         angles = np.concatenate([camera.elevations, camera.azimuths])
     else:
-        raise TypeError(f"no place can be looked up in a {type(camera).__name__}")
+        raise TypeError(f"points cannot be projected into a {type(camera).__name__}")
     eye = Eye(
         turn=(x, y, z),
         shift=triple(inverse.translation),

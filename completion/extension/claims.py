@@ -177,7 +177,7 @@ class Choice(Value):
 
 
 def is_chosen(surface: Surface, only: Sequence[str], role: Role = "") -> bool:
-    """Tell whether a surface with a role in the room is of some kinds; of none, where all are wanted."""
+    """Tell whether a surface is of one of the kinds in `only`, by shape or role; true if `only` is empty."""
     if not only:
         return True
     if isinstance(surface, Plane):

@@ -222,7 +222,7 @@ def _beyond(grid: ChartGrid, extent: Extent, sides: BoolArray) -> BoolArray:
 
 
 def _boundary_edges(extent: Extent, boundary: BoundaryPixels) -> list[BoundaryEdge]:
-    """Creases with the surfaces that it meets, and its own edges elsewhere."""
+    """Creases with the neighbours of a surface, and its own edges where it has no neighbour."""
     creases, free = [], boundary.kind == BoundaryKind.OWN_EDGE
     seen = np.isin(boundary.kind, (BoundaryKind.CONTIGUOUS, BoundaryKind.OWN_EDGE))
     for neighbour in extent.neighbours:

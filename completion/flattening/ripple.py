@@ -195,7 +195,7 @@ class Ripple:
         return filled
 
     def with_local_strength(self, error: FloatArray, known: BoolArray) -> Ripple:
-        """The ripple, with its strength from place to place in a field of error (rows, columns)."""
+        """The ripple with a local strength, estimated from an error field; both (rows, columns)."""
         size = np.abs(self.apply_gain(error, 1 / np.sqrt(self.power)))
         size = np.where(known, np.sqrt(np.minimum(size, limits.OUTLIER * np.median(size[known]))), 0.0)
         share = ndimage.uniform_filter(known.astype(np.float64), _NEIGHBOURHOOD, mode="wrap")

@@ -78,7 +78,7 @@ class UserOptions(Value):
     )
     min_area_m2: float | None = option(
         "--min-area",
-        "Surfaces with less measured area stay as measured; 0: none.",
+        "Smallest measured area of a surface to be continued; 0 continues all.",
         None,
         metavar="M2",
         shown="0.05 at most, of planes",
@@ -95,7 +95,7 @@ class UserOptions(Value):
     )
     registration_m: float = option(
         "--registration",
-        "Pose error of several scans, where the scans do not show it.",
+        "Pose error to assume if the scans do not show it.",
         0.005,
         metavar="M",
         limits=NOT_NEGATIVE,

@@ -179,13 +179,13 @@ def closing_record(closed: ClosedPart) -> dict[str, Any]:
 
 
 class _Places(NamedTuple):
-    """Places (n,) of points among all `n_rows` of the input; None where none was left out."""
+    """Rows (n,) of the used points among the `n_rows` of the input; None if every row was used."""
 
     rows: IntArray | None
     n_rows: int | None
 
     def of(self, values: NDArray[Any], without: float) -> NDArray[Any]:
-        """Values (n, ...) in their places, and what those have that were left out."""
+        """Values (n_rows, ...) of all rows from values (n, ...) of used points; other rows get `without`."""
         if self.rows is None or self.n_rows is None:
             return values
         out = np.full((self.n_rows, *values.shape[1:]), without, dtype=values.dtype)
@@ -194,7 +194,7 @@ class _Places(NamedTuple):
 
 
 def places_of(part: Part, surface: IntArray) -> IntArray:
-    """Places (n,) from 1 of labels (n,) among those of the part; 0 for none."""
+    """Positions (n,), from 1, of labels (n,) in the labels of the part; 0 for points on no surface."""
     return np.where(surface > 0, np.searchsorted(part.labels, surface) + 1, 0)
 
 

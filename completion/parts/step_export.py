@@ -52,11 +52,11 @@ def _group(feature: PartFeature) -> FaceGroup:
 
 
 def regions_of(part: DividedPart, back: PartBack | None = None) -> PartRegions:
-    """Return the regions of a part: its points, or points on its triangles, and those of its unseen sides.
+    """Return the regions of a part, one a surface, with points of the scan, the mesh and the inferred sides.
 
-    A model's mesh has no gaps of its own: those that lie on one surface are closed on it (`close_holes`).
+    Holes of a mesh that lie on one surface are closed (`close_holes`).
 
-    Raises InputError: a part without surfaces.
+    Raises InputError: the part has no surfaces.
     """
     points, label = surface_points(part)
     if part.faces is not None and part.triangle_surface is not None:

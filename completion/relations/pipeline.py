@@ -301,7 +301,7 @@ def _accept_instead(
 
 
 def _with_conflicts(tested: Relation, relations: Sequence[Relation]) -> Relation:
-    """The relation with its conflicts by their places among all found, not among those that are imposed."""
+    """The relation with its conflicts numbered among all `relations` instead of the accepted ones."""
     if not tested.conflicts:
         return tested
     accepted = [k for k, relation in enumerate(relations) if relation.status is RelationStatus.ACCEPTED]

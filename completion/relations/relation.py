@@ -60,47 +60,47 @@ class RelationStatus(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relation(Value):
-    """What surfaces are to each other, by their numbers from 0.
+    """A geometric relation between surfaces, for example that two planes are parallel.
 
     Attributes
     ----------
     kind : str
-        "parallel", "perpendicular": normals of planes, axes of what has one. "angle": between these, `value`
-        in radians. "coplanar", "coaxial". "distance": between two parallel planes or axes, `value` in metres.
-        "equal_distance": of the first two as of the last two. "radius", "half_angle": `value` in metres or
-        radians. "equal_radius" (of tori the tubes'); "equal_ring_radius" of the circles in tori's tubes.
-        "axis_in_plane": a plane, then what has an axis. "tangent": a plane and a cylinder along it, or two
-        parallel cylinders, that touch. "vertical", "horizontal": a
-        plane or an axis, against gravity. "regular": three or more parallel planes or axes in a row, each as
-        far from the next. "symmetric": two or more pairs, one after the other, each one's halves images of
-        each other in one mirror; of planes, cylinders and spheres.
+        "parallel", "perpendicular": plane normals or axes. "angle": angle between them, `value` in radians.
+        "coplanar", "coaxial". "distance": between two parallel planes or axes, `value` in metres.
+        "equal_distance": the first two are as far apart as the last two. "radius", "half_angle": `value` in
+        metres or radians. "equal_radius" (for tori, of the tube); "equal_ring_radius": of the circle at the
+        centre of a torus's tube. "axis_in_plane": a plane, then a surface with an axis. "tangent": a plane
+        and a cylinder, or two parallel cylinders, that touch. "vertical", "horizontal": a plane or an axis,
+        by gravity. "regular": three or more parallel planes or axes at equal distances. "symmetric": two or
+        more pairs, listed one after the other; one mirror plane maps the surfaces of each pair onto each
+        other (planes, cylinders, spheres).
     surfaces : tuple of int
-        Which.
+        Numbers of the surfaces, from 0.
     value : float, optional
         See `kind`.
     is_given : bool
-        Whether a person stated it, else it was proposed.
+        True if a person stated it, False if it was proposed from the fits.
     is_forbidden : bool
-        Whether a person said that it does not hold: it is neither proposed nor imposed.
-    status : Status
-        What became of it.
-    p, log_evidence : float
-        Probability of so large a misfit, given what was accepted before, if it holds; logarithm of how many
-        times likelier the misfit is if it holds than if the surfaces have nothing to do with each other.
+        True if a person stated that it does not hold: it is neither proposed nor imposed.
+    status : RelationStatus
+        Accepted, rejected, undecided, ...
+    p : float
+        p-value of the misfit under the relation, given the relations accepted before.
+    log_evidence : float
+        Log likelihood ratio of the misfit: the relation against unrelated surfaces.
     chi2, rank : float, int
-        The misfit, squared, in its standard deviations, and how many degrees of freedom it takes away.
+        Squared Mahalanobis norm of the misfit, and the degrees of freedom that the relation removes.
     n_tried : float
-        How many such sets of surfaces there were of which it was chosen; its evidence is the less for them.
+        Number of sets of surfaces that were tried for it; more trials lower its evidence.
     reason : str
-        In words.
+        Reason for the status, in words.
     conflicts : tuple of int
-        Accepted relations that it contradicts, by their places among all of the graph.
+        Accepted relations that it contradicts, as positions in `RelationGraph.relations`.
 
     Raises
     ------
     InputError
-        An unknown kind, another number of surfaces than it has, one surface twice, a value that is missing
-        or has no use.
+        An unknown kind, a wrong number of surfaces, a surface named twice, a missing or superfluous value.
     """
 
     kind: RelationKind

@@ -156,12 +156,12 @@ def _rough_text(rough: Sequence[tuple[int, Patch, float]]) -> str:
     named = ", ".join(_name(*entry) for entry in largest)
     more = f" and {len(rough) - _NAMED} more" if len(rough) > _NAMED else ""
     return (
-        "points lie centimetres off their surface (rms), far more than the range noise: surface "
+        "points lie centimetres off their surface, far more than the range noise: surface "
         f"{named}{more}; is it bent or rough, or are the poses of several scans off (--registration-sd)?"
     )
 
 
 def _name(number: int, patch: Patch, times: float) -> str:
-    noise = f", {times:.0f} times the noise" if times < np.inf else ""
+    noise = f", {times:.0f} times the range noise" if times < np.inf else ""
     kind, area = patch.grid.surface.kind, patch.observed_m2
-    return f"{number} ({kind}, {area:.2g} m2, {1000 * patch.source.fit.rms:.0f} mm{noise})"
+    return f"{number} ({kind}, {area:.2g} m2, rms {1000 * patch.source.fit.rms:.0f} mm{noise})"

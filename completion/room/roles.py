@@ -62,7 +62,7 @@ class Room(ArrayValue):
         return next(wall for wall in self.walls if wall.number == number)
 
     def only(self, kept: BoolArray) -> Room:
-        """Return the room of which only surfaces that are `kept` (n,) have roles."""
+        """Return the room without the roles and walls of surfaces that are not `kept` (n,)."""
         roles = tuple(role if is_so else "" for role, is_so in zip(self.roles, kept, strict=True))
         walls = tuple(wall for wall in self.walls if kept[wall.number])
         return replace(self, roles=roles, walls=walls, bases=frozenset(k for k in self.bases if kept[k]))

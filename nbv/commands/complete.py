@@ -354,7 +354,7 @@ def _lines_of_poses(completion: Completion) -> list[str]:
     worst = max(pairs, key=lambda pair: pair.offset_m)
     moved = f", {1000 * max(pair.left_m for pair in pairs):.1f} mm once moved"
     return [
-        f"poses     set what two scans measured {1000 * worst.offset_m:.1f} mm apart at most (scans "
+        f"poses     largest offset between two scans {1000 * worst.offset_m:.1f} mm (scans "
         f"{worst.first + 1} and {worst.second + 1})" + (moved if completion.registration.is_moved else "")
     ]
 

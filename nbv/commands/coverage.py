@@ -292,8 +292,7 @@ def scan_lines(coverage: ScanCoverage) -> list[str]:
         f"{scans} measured {square_metres(area.total_m2)} m2 of surface: "
         f"{square_metres(area.met_m2)} m2 as required, {square_metres(area.worse_m2)} m2 worse",
         f"inferred: {square_metres(inferred)} m2 of surface",
-        f"not explained: shadows begin on {square_metres(unseen.occluded_m2)} m2, fields of view end on "
-        f"{square_metres(unseen.frontier_m2)} m2 (areas of boundary, not of surface)",
+        unseen.describe(),
         *(room.describe() for room in coverage.rooms),
     ]
 

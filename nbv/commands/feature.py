@@ -99,8 +99,8 @@ def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
     has_mesh = len(paths) == 1 and is_mesh(paths[0])
     if has_mesh and openings and not request.origins:
         raise InputError(
-            f"{paths[0]}: a {openings[0]} is seen by beams that go through it, and a mesh has none: say "
-            "where it is to be looked at from (--origin X,Y,Z)"
+            f"{paths[0]}: a {openings[0]} is found by the beams through it, and a mesh has no beams: give "
+            "the position of a scanner (--origin X,Y,Z)"
         )
     if not has_mesh or request.origins:
         try:

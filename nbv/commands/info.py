@@ -357,7 +357,7 @@ def _plan(content: Content) -> dict[str, Any]:
 
 
 def _coverage(content: Content) -> dict[str, Any]:
-    """Of a scene, or of scans alone, whose unseen surface is told by its boundary."""
+    """Coverage of a scene; or of scans alone, which have a boundary of unseen space and no percentage."""
     if "boundary" in content:
         return _scan_coverage(content)
     names = ("total_m2", "met", "reachable", "unreachable", "inferred")

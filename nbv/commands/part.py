@@ -195,7 +195,7 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     }
     others = f"{counts[RelationStatus.REJECTED]} rejected, {counts[RelationStatus.UNDECIDED]} undecided"
     lines.append(f"relations  {count(holding, 'holds', 'hold')}; {others}")
-    lines.append(f"free       {graph.free} of {graph.unknowns} parameters")
+    lines.append(f"free       {graph.free} of {graph.unknowns} surface parameters, after the relations")
     return lines
 
 

@@ -353,8 +353,7 @@ def next_lines(plan: Plan, coverage: ScanCoverage, record: Sequence[ScanRecord])
     lines = [
         f"{scans} measured {square_metres(area.total_m2)} m2 of surface, "
         f"{square_metres(area.met_m2)} m2 of it as required{inferred}",
-        f"shadows begin on {square_metres(unseen.occluded_m2)} m2, fields of view end on "
-        f"{square_metres(unseen.frontier_m2)} m2 (areas of boundary, not of surface)",
+        unseen.describe(),
         *(room.describe() for room in coverage.rooms),
         *last_scan_in_words(record),
         *_stations(plan),
@@ -375,5 +374,5 @@ def _stations(plan: Plan) -> Sequence[str]:
         gain = square_metres(view.predicted_gain_m2 or 0.0)
         names = [str(room["name"]) for room in plan.rooms if number in room["stations"]]
         where = f" in {names[0]}" if names else ""
-        lines.append(f"station {number}{where}: at {place}{looks}; predicted to settle {gain} m2")
+        lines.append(f"station {number}{where}: at {place}{looks}; predicted gain {gain} m2")
     return lines

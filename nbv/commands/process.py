@@ -137,7 +137,7 @@ def start_run(
 ) -> Iterator[Run]:
     """Run a command: make its folder, show progress, turn unusable input into one line and exit code 1.
 
-    One that only prints says so by `writes`, and nothing is locked or staged.
+    A command that only prints passes `writes=False`: nothing is locked or staged then.
     """
     from nbv.run.manifest import Inputs, Stopwatch
     from scenes.checks import InputError

@@ -112,7 +112,7 @@ def _check_inputs(folder: Path, inputs: list[dict[str, Any]]) -> None:
         path = Path(name.rpartition("#")[0] or name)
         if not (Path(name).exists() or path.exists()):
             raise InputError(
-                f"{name}: is not there, and {folder} was made of it; start review in the folder in which "
+                f"{name}: does not exist, but {folder} was made from it; start review in the folder in which "
                 "`unseen complete` was run"
             )
     for entry, now in zip(inputs, read_inputs(str(one["input"]) for one in inputs).records, strict=True):

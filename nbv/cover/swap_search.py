@@ -207,7 +207,7 @@ def _count_missing(state: SwapState) -> float:
 
 @inlined
 def _least_useful(state: SwapState, never: int) -> int:
-    """Return the chosen candidate of the lowest score, the longest unmoved of equals; `never` one of them."""
+    """Return the chosen candidate of lowest score but `never`; of equal ones the one unmoved the longest."""
     best = int(state.chosen[0])
     for at in range(state.sizes[CHOSEN]):
         number = int(state.chosen[at])
@@ -220,7 +220,7 @@ def _least_useful(state: SwapState, never: int) -> int:
 
 @inlined
 def _most_useful(state: SwapState, gap: int, never: int) -> int:
-    """Return the best candidate that sees a gap, the longest unmoved of equals; `never` where it is alone."""
+    """Return the best candidate that sees a gap, of equal ones the longest unmoved; `never` if none."""
     best = never
     for at in range(state.first[gap], state.first[gap + 1]):
         number = int(state.candidates[at])

@@ -195,7 +195,7 @@ def measure_coverage(
     requirement = _one_requirement(requirement, max_incidence_deg)
     standing = sensor or (views[0].sensor if views else None)
     if standing is None:
-        raise InputError("without views, coverage needs a sensor to say what is reachable")
+        raise InputError("without views, coverage needs a sensor to compute the reachable area")
     caster = caster or scene.ray_caster(n_threads)
     samples, candidates, apart = _resolve_samples(scene, samples, candidates, standing, caster)
     tally = CoverageTally.start(caster, samples, requirement)

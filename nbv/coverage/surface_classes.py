@@ -189,9 +189,14 @@ class ClassShares(Value):
 
     Attributes
     ----------
-    met, modelled, inferred, unknown : float
-        Measured as required; seen, but not so, within 2 cm of a fitted surface that is known exactly enough;
-        neither, within 2 cm of inferred surface; the rest.
+    met : float
+        Measured as required.
+    modelled : float
+        Seen, the requirement missed, but within 2 cm of a fitted surface that is exact enough there.
+    inferred : float
+        Neither met nor modelled, within 2 cm of inferred surface.
+    unknown : float
+        The rest.
     reached : float
         Share of the reachable area that is not unknown; 1 where nothing is reachable.
     inferred_m2, right_m2 : float

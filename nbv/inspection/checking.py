@@ -255,7 +255,7 @@ def in_frame_of(scene: Scene, given: GivenScans) -> tuple[GivenScans, tuple[str,
         others = agreeing(mesh.transform(world_from_file_up(axis) @ of_file), given.scans)
         if axis != file_up and others >= fits + limits.FITS_UNIT:
             raise InputError(
-                f"{scene.name}: the scans and the design differ in what is up: {fits:.0%} of the beams "
+                f"{scene.name}: the up axes of the scans and of the design differ: {fits:.0%} of the beams "
                 f"end on it with {file_up} of its file up, {others:.0%} with {axis}; give --up {axis}"
             )
     return turned, ()

@@ -187,7 +187,7 @@ def _standing(check: DesignCheck, obstacles: Obstacles, sensor: Sensor, site: Si
 
 
 def _spots(standing: Standing, site: SiteOptions) -> NDArray[np.int64] | None:
-    """Numbers (c,), alike for poses over one spot of the floor, of which one is taken; None for no limit."""
+    """Numbers (c,) of the floor spots of poses; only one pose per spot is taken; None: no limit."""
     if standing.site is None or site.several_heights:
         return None
     keys = standing.site.spots(standing.candidates.positions)

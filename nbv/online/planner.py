@@ -186,7 +186,7 @@ class Explorer(Value):
     def __iter__(self) -> Iterator[Step]:
         """Yield each view after its scan was taken and learned from. Raises InputError: a second time."""
         if self.exploration.steps:
-            raise InputError("an explorer explores once; make another, with these scans as given")
+            raise InputError("an Explorer can run only once; make another one from these scans")
         options = self.options
         state = PlannerState.of(self.exploration.voxels, learns=self.infer is not None)
         scans, n_completed, begun_at = list(self.given), 0, list(self.further_starts)

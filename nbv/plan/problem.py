@@ -252,7 +252,7 @@ class PlanningProblem:
         if not len(there):
             place = ",".join(f"{value:g}" for value in self.site.start[0, :2])
             raise InputError(
-                f"--start {place} lies in what is to be kept out of; give another, or no --keep-out"
+                f"--start {place} lies in a box of --keep-out; give another place, or no such box"
             )
         n = self.candidates.n_directions
         return np.asarray((there[:, None] * n + np.arange(n)).ravel())

@@ -179,7 +179,9 @@ def part_page(
         headlines.append(
             Headline(str(part.count_relations(RelationStatus.REJECTED)), "", "relations rejected")
         )
-        headlines.append(Headline(str(graph.free), "", f"of {graph.unknowns} parameters free"))
+        headlines.append(
+            Headline(str(graph.free), "", f"of {graph.unknowns} surface parameters left free by relations")
+        )
     related = [part.measured[place] for place in part.related]
     names = [part.labels[place] for place in part.related]
     relations = () if graph is None else relation_section(graph, related, names)

@@ -64,7 +64,7 @@ class RequirementOptions(Value):
     )
     registration_sd_m: float = option(
         "--registration-sd",
-        "Standard deviation of a pose: of a station's position, for --max-sd.",
+        "Standard deviation of a station's position, for --max-sd.",
         0.0,
         metavar="M",
         limits=NOT_NEGATIVE,
@@ -95,15 +95,15 @@ class SearchOptions(Value):
         "--target", "Fraction of the reachable area to measure.", 0.99, limits=NumberRange(above=0, most=1)
     )
     views: int | None = option(
-        "--views", "Largest number of views; cover finds those that see most.", None,
+        "--views", "Largest number of views; --method cover chooses the ones that measure most.", None,
         limits=NumberRange(least=1),
     )  # fmt: skip
     infer: bool = option(
-        "--infer", "Complete the scans, too, and use what is inferred: it counts towards the target.", False
+        "--infer", "Also complete the scans; inferred surface counts towards the target.", False
     )
     overlap: float | None = option(
         "--overlap",
-        "Smallest shared fraction of two scans, so that all can be registered: with --method cover.",
+        "Smallest overlap of linked scans, so that all can be registered; with --method cover.",
         None,
         metavar="FRACTION",
         shown="none",
@@ -111,14 +111,14 @@ class SearchOptions(Value):
     )
     polish_steps: int = option(
         "--polish-steps",
-        "Largest number of swaps tried to save views: with --method cover; the search ends earlier if 1,500 "
+        "Largest number of swaps tried to save views, with --method cover; the search ends earlier if 1,500 "
         "swaps per view find no smaller plan.",
         100_000,
         limits=NOT_NEGATIVE,
     )
     time_budget_s: float | None = option(
         "--time-budget",
-        "End the search after this time: with --method cover; results are then not repeatable.",
+        "Seconds after which the search ends, with --method cover; results are then not repeatable.",
         None,
         metavar="S",
         shown="none",
@@ -131,14 +131,14 @@ class PaceOptions(Value):
     """The numbers of time on site; `nbv.plan.site_time.SitePace` explains them."""
 
     budget_min: float | None = option(
-        "--budget", "Time on site, like 2h: with --method cover, the plan within it that measures most.",
+        "--budget", "Largest time on site, like 2h; --method cover then finds the plan that measures most.",
         None, metavar="TIME", shown="none", limits=POSITIVE, parse=minutes,
     )  # fmt: skip
     set_up_min: float = option(
-        "--set-up", "Minutes to set the instrument up at a place.", 3.0, metavar="MIN", limits=NOT_NEGATIVE
+        "--set-up", "Minutes to set up the instrument at a station.", 3.0, metavar="MIN", limits=NOT_NEGATIVE
     )
     scan_min: float | None = option(
-        "--scan-time", "Minutes of a scan.", None, metavar="MIN", shown="by the sensor's speed",
+        "--scan-time", "Minutes that a scan takes.", None, metavar="MIN", shown="by the sensor's speed",
         limits=POSITIVE,
     )  # fmt: skip
     walk_m_s: float = option(

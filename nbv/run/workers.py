@@ -152,8 +152,8 @@ class DaskWorkers:
                 result = future.result()
             except lost as error:
                 raise InputError(
-                    f"--scheduler {self._address}: work was lost for good ({type(error).__name__}: {error}); "
-                    "what is done is kept: run the same command again to go on"
+                    f"--scheduler {self._address}: a task failed repeatedly ({type(error).__name__}: "
+                    f"{error}); what is done is kept: run the same command again to go on"
                 ) from error
             yield number, result
 
@@ -186,7 +186,7 @@ class DaskWorkers:
                     shares.renew()
         except _lost(_import_distributed()) as error:
             raise InputError(
-                f"--scheduler {self._address}: work was lost for good ({type(error).__name__}: {error}); "
+                f"--scheduler {self._address}: a task failed repeatedly ({type(error).__name__}: {error}); "
                 "what is done is kept: run the same command again to go on"
             ) from error
 

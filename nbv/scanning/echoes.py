@@ -54,13 +54,13 @@ def footprint_echoes(
 ) -> tuple[Echo, IntArray, Echo]:
     """Return the echoes of beams: their origins (n, 3) or (1, 3) and unit directions (n, 3), world frame.
 
-    One uniform number is drawn for every beam: how its pattern of rays is turned.
+    One uniform number is drawn for every beam: the rotation of its pattern of rays.
 
     Returns
     -------
     tuple of Echo, (m,) int, Echo
-        The echo that is reported of each beam, the first where all are; the beams that the further ones of
-        these belong to, ascending; and these, near to far within a beam.
+        The reported echo of each of n beams (its first if all echoes are reported); the beam of each of the
+        m further echoes, ascending; the further echoes, near to far within a beam.
     """
     (origins, directions), which = beams, get_args(Returns).index(footprint.returns)
     n, n_rays = len(directions), footprint.n_rays_cast

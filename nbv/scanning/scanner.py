@@ -165,7 +165,7 @@ def _resolve_view(view: View | Pose, sensor: Sensor | None) -> tuple[Pose, Senso
     if isinstance(view, View):
         return view.world_from_sensor, sensor or view.sensor
     if sensor is None:
-        raise InputError("a pose does not say what scans there: give a sensor too, or a View")
+        raise InputError("a pose has no sensor: give a sensor too, or a View")
     return view, sensor
 
 

@@ -126,7 +126,7 @@ def check_aperture(sensor: Sensor) -> Sensor:
     """Return the sensor; InputError for a profile scanner, in whose plane no place lies."""
     if sensor.kind == "line":
         raise InputError(
-            f"{sensor.name} sees a line at a time, so that no single view of it is worth anything; "
+            f"{sensor.name} measures one line at a time, so that a single view has no gain; "
             "plan with a sensor that has an aperture, like generic60 or panorama"
         )
     return sensor

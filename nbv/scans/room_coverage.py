@@ -16,17 +16,17 @@ from nbv.scans.unseen_boundary import UnseenBoundary
 from nbv.visibility.rooms import SiteRoom
 from scenes.checks import FloatArray
 
-ELSEWHERE = "elsewhere"
+ELSEWHERE = "outside all rooms"
 
 
 @dataclass(frozen=True, slots=True)
 class RoomCoverage:
-    """Areas of one room, or of what lies in none.
+    """Areas of one room, or of the space outside all rooms.
 
     Attributes
     ----------
     room : Room or None
-        None for what lies over no floor that was seen.
+        None for space that is not above a seen floor.
     scans : tuple of int
         The scans that were taken in it, counted from 1.
     met_m2, worse_m2, inferred_m2 : float
@@ -59,18 +59,20 @@ class RoomCoverage:
     def describe(self) -> str:
         """Return in words what is measured, what is missing, and what completion covers without a station."""
         if self.room is None:
-            where = "elsewhere"
+            where = ELSEWHERE
         else:
             floor = f"storey {self.room.storey}, {square_metres(self.room.floor_m2)} m2 of floor"
             where = f"{self.name} ({floor}, {_scans_in_words(self.scans)})"
         missing = [
-            f"{square_metres(self.worse_m2)} m2 measured worse than required",
-            f"shadows from {square_metres(self.shadow_m2)} m2 of boundary on",
+            f"{square_metres(self.worse_m2)} m2 measured, but not as required",
+            f"{square_metres(self.shadow_m2)} m2 of boundary at shadows",
         ]
         if self.frontier_m2 > 0:
-            missing.append(f"fields of view that end on {square_metres(self.frontier_m2)} m2")
+            missing.append(
+                f"{square_metres(self.frontier_m2)} m2 of boundary at limits of the fields of view"
+            )
         covers = f"; completion covers {square_metres(self.inferred_m2)} m2" if self.inferred_m2 > 0 else ""
-        return f"{where}: {square_metres(self.met_m2)} m2 as required; missing {', '.join(missing)}{covers}"
+        return f"{where}: {square_metres(self.met_m2)} m2 measured as required; {', '.join(missing)}{covers}"
 
 
 def _scans_in_words(scans: tuple[int, ...]) -> str:

@@ -87,7 +87,7 @@ def record_scans(
 
 
 def last_scan_in_words(record: Sequence[ScanRecord]) -> list[str]:
-    """Return a sentence on what the last scan was predicted to settle, and did; nothing of the first scan."""
+    """Return a sentence on the predicted and the achieved gain of the last scan; nothing for a first scan."""
     if len(record) < 2:
         return []
     last = record[-1]
@@ -101,10 +101,10 @@ def last_scan_in_words(record: Sequence[ScanRecord]) -> list[str]:
         )
     brought = f"measured {square_metres(last.measured_m2)} m2 of surface for the first time"
     if last.expected_m2 is None or last.settled_m2 is None:
-        return [f"scan {name} {sentence}stood where the scans before knew nothing; it {brought}"]
+        return [f"scan {name} {sentence}stood where the earlier scans saw nothing; it {brought}"]
     return [
-        f"scan {name} {sentence}settled {square_metres(last.settled_m2)} m2 of the "
-        f"{square_metres(last.expected_m2)} m2 expected from where it stood, and {brought}"
+        f"scan {name} {sentence}achieved {square_metres(last.settled_m2)} m2 of the "
+        f"{square_metres(last.expected_m2)} m2 gain predicted from its true position, and {brought}"
     ]
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.online.occupancy import OCCPLANE, UNSEEN, BoundaryFaces, VoxelMap
+from nbv.run.wording import square_metres
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
@@ -91,6 +92,13 @@ class UnseenBoundary:
     def frontier_m2(self) -> float:
         """Boundary beyond which no scan has looked, square metres."""
         return self.area_m2(~self.occluded & ~self.explained)
+
+    def describe(self) -> str:
+        """Return both areas in words."""
+        return (
+            f"boundary of unseen space: {square_metres(self.occluded_m2)} m2 at shadows, "
+            f"{square_metres(self.frontier_m2)} m2 at limits of the fields of view (not areas of surface)"
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the areas."""

@@ -92,7 +92,7 @@ class RecordArchive:
         file = self.path(case)
         record = read_json(file, dict)
         if record.get("key") != case.key:
-            raise InputError(f"{file}: is not of this case: it was made of something else")
+            raise InputError(f"{file}: belongs to another case: its key differs")
         return record
 
 

@@ -125,7 +125,7 @@ def allowed_candidates(candidates: Candidates, zones: Zones) -> Candidates:
     kept = zones.allow(candidates.positions)
     if not kept.any():
         raise InputError(
-            f"all {candidates.n_positions} candidate positions lie in what is to be kept out of; "
+            f"all {candidates.n_positions} candidate positions lie in --keep-out boxes; "
             "make the boxes smaller, or give other candidates"
         )
     return candidates if kept.all() else candidates.at(kept)

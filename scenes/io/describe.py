@@ -78,7 +78,7 @@ def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict
 
 
 class _Measures(NamedTuple):
-    """What all points of a scan are needed for: bounds (2, 3), and how far they lie from their pixels."""
+    """Bounds (2, 3) of the points of a scan, metres, and their residual from the pixel grid."""
 
     bounds: FloatArray
     grid_residual: float | None

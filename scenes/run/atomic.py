@@ -284,7 +284,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _put(decided: Path, folder: Path, last: str) -> None:
-    """Move files that are whole into the folder; the manifest, or what is called `last`, seals them."""
+    """Move finished files into the folder: the manifest last, or last of all the file named `last`."""
     files = sorted(_files(decided), key=lambda file: (file.name == "manifest.json", str(file) == last, file))
     with guard_writing(folder):
         for file in files:

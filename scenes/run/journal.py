@@ -119,7 +119,7 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
         shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream)
         n_bytes = archive.getinfo(name).file_size - stream.tell()
         if dtype.hasobject or math.prod(shape) * dtype.itemsize != n_bytes:
-            raise PackingError(f"array {name} is of another size than it says")
+            raise PackingError(f"array {name} has another size than its header states")
         array = allocate(shape[::-1] if is_fortran else shape, dtype)
         if fill_from(array, stream) != n_bytes or stream.read(1):  # at the end its checksum is looked at
             raise PackingError(f"array {name} breaks off")
@@ -290,7 +290,7 @@ class FileJournal:
                 with temporary.open("wb") as stream:
                     pack(value, stream)
                 if self._key() != self.key:
-                    raise InputError(f"{self.folder}: is the journal of another run by now") from None
+                    raise InputError(f"{self.folder}: now holds the journal of another run") from None
             return value
         return known
 

@@ -84,7 +84,7 @@ class Echoes(Value):
         Raises InputError: pixels beyond the image.
         """
         if len(self) and not 0 <= self.pixel[0] <= self.pixel[-1] < valid.size:
-            raise InputError(f"echoes reach pixel {self.pixel[-1]} of an image of {valid.size}")
+            raise InputError(f"echoes refer to pixel {self.pixel[-1]}, but the image has {valid.size} pixels")
         kept = valid.reshape(-1)[self.pixel]
         return self if kept.all() else self.pick(kept)
 

@@ -227,7 +227,7 @@ _N_SAMPLES = 48
 
 
 class Seams:
-    """Chooses seams of all surfaces, and where closed edges begin (`pieces`, changed for that).
+    """Chooses the seams of all surfaces and the start of closed edges; `pieces` is a copy that is edited.
 
     Parameters
     ----------

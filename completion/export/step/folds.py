@@ -143,7 +143,7 @@ def _span(feet: Sequence[float], period: float) -> tuple[float, float]:
 
 
 class FoldFinder:
-    """Finds the curves of pairs of surfaces, millimetres."""
+    """Finds the curves along which pairs of surfaces meet; lengths in millimetres."""
 
     def __init__(self, surfaces: list[Surface], shapes: list[Any], spacing: float, noise: float) -> None:
         self.surfaces, self.shapes = surfaces, shapes
@@ -152,7 +152,7 @@ class FoldFinder:
         self.reach = max(8 * noise, limits.COINCIDENT_REACH * spacing)
 
     def curves_between(self, pair: tuple[int, int], contacts: FloatArray) -> list[ContactCurve]:
-        """The curves of a pair that contacts (n, 3) are near."""
+        """The curves along which a pair of surfaces meets, near their contact points (n, 3)."""
         folds, left = list[ContactCurve](), contacts
         for geometry in self.conics(pair):
             if len(left) < 2:

@@ -87,7 +87,7 @@ def read_given(path: str | os.PathLike[str], kinds: Sequence[str]) -> dict[str, 
     allowed = {name for kind in kinds for name in KNOWN[kind]}
     for name in general:
         if name not in allowed:
-            raise InputError(f"{source}: {name}: nothing of that name can be given; {_may_be(kinds)}")
+            raise InputError(f"{source}: {name}: no option has this name; {_may_be(kinds)}")
     out: dict[str, Given] = {}
     for kind in kinds:
         given_values = held.get(kind, {})

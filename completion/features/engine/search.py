@@ -119,7 +119,7 @@ def equations(
         if values:
             continue
         if least > greatest:
-            raise InputError(f"the bounds of {' and '.join(group)} leave nothing: {least} to {greatest}")
+            raise InputError(f"the bounds of {' and '.join(group)} leave no value: {least} to {greatest}")
         column = np.zeros(len(names))
         column[which] = greatest - least
         columns.append(column)

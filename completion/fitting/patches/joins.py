@@ -373,7 +373,9 @@ def _surface(
     held: object, source: str, join: JoinKind
 ) -> tuple[Plane | Cylinder, JoinKind, Mapping[str, float]]:
     if not isinstance(held, dict):
-        raise InputError(f'{source}: "surface" is what `unseen fit` wrote, or the name of such a file')
+        raise InputError(
+            f'{source}: "surface" must be the output of `unseen fit`, or the name of a file that holds it'
+        )
     shape = held.get("shape")
     if shape not in _FIELDS:
         raise InputError(f'{source}: its surface needs a "shape" of {" or ".join(_FIELDS)}, got {shape!r}')

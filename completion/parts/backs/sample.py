@@ -212,7 +212,7 @@ def measured_of(part: DividedPart, origins: FloatArray | None, normals: FloatArr
     face = place[np.maximum(label, 0)]
     usable = np.flatnonzero(face >= 0)
     if not len(usable):
-        raise InputError("no surface was fitted, so that nothing can be mirrored")
+        raise InputError("no surface was fitted: there is nothing to mirror")
     usable = usable[:: -(-len(usable) // _MOST_PLACES)]
     points, face = points[usable], face[usable]
     feet, across, sd = points.copy(), np.zeros_like(points), np.zeros(len(points))

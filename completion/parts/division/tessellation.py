@@ -228,8 +228,8 @@ def _around(patches: Patches, some: IntArray, free: BoolArray, seed: int) -> Int
 def _starts(patches: Patches, ring: IntArray, kind: str) -> list[Surface]:
     """Surfaces of a kind near patches: through their middles, and through their corners.
 
-    Of triangles between two circles those on one are turned a little to those on the other. Means of
-    neighbours are not, and tell a cone's axis.
+    In a band of triangles between two circles, the triangles based on either circle have slightly different
+    normals. The mean over neighbours removes the difference, so that it determines a cone's axis.
     """
     corners, normals = _corners_of(patches, ring)
     found = hypotheses(kind, patches.centroid[ring], patches.normal[ring]) + hypotheses(

@@ -45,27 +45,28 @@ class ScanOptions:
         parse=numbers(3),
     )  # fmt: skip
     poses: str | None = input_option(
-        "--poses", "Poses, world from sensor, one per scan: instead of both, plan.json or a trajectory; "
-        "several scans go to .e57 or a folder.", None, metavar="FILE[#k]", shown=False,
+        "--poses", "File of poses (world from sensor), plan.json or a trajectory, instead of --at and "
+        "--look: one scan per pose; several scans go to .e57 or a folder.", None, metavar="FILE[#k]",
+        shown=False,
     )  # fmt: skip
     trajectory: str | None = input_option(
-        "--trajectory", "Times and places of a moving scanner: instead of all three; points with times go to "
-        ".las, .laz or .csv.", None, metavar="FILE", shown=False,
+        "--trajectory", "Times and poses of a moving scanner, instead of --at, --look and --poses; points "
+        "with times go to .las, .laz or .csv.", None, metavar="FILE", shown=False,
     )  # fmt: skip
     rate_hz: float | None = option(
-        "--rate", "Turns or images a second: with --trajectory.", None, metavar="HZ", limits=POSITIVE,
+        "--rate", "Turns or images per second, with --trajectory.", None, metavar="HZ", limits=POSITIVE,
         shown="by the sensor's speed",
     )  # fmt: skip
     position_sd_m: float = option(
-        "--position-sd", "Deviation of the reported positions: with --trajectory.", 0.0, metavar="M",
+        "--position-sd", "Standard deviation of the reported positions, with --trajectory.", 0.0, metavar="M",
         limits=NOT_NEGATIVE,
     )  # fmt: skip
     angle_sd_deg: float = option(
-        "--angle-sd", "Deviation of the reported angles: with --trajectory.", 0.0, metavar="DEG",
+        "--angle-sd", "Standard deviation of the reported angles, with --trajectory.", 0.0, metavar="DEG",
         limits=NOT_NEGATIVE,
     )  # fmt: skip
     clock_s: float = option(
-        "--clock", "Time by which the scanner's clock is ahead: with --trajectory.", 0.0, metavar="S"
+        "--clock", "Seconds by which the scanner's clock is ahead, with --trajectory.", 0.0, metavar="S"
     )
     sensor: str = copy(shared.SENSOR)
     noise: str = copy(shared.NOISE)
@@ -123,8 +124,8 @@ class _SceneOrScans:
     )  # fmt: skip
     read: ReadOptions = group(ReadOptions)
     up: SignedAxis | None = input_option(
-        "--up", "Up axis of the file; of scans alone -x, -y and -z, too.", None,
-        shown="z; y of GLB and glTF; of scans alone estimated and reported",
+        "--up", "Up axis of the file; -x, -y and -z are possible only without a scene.", None,
+        shown="z; y of GLB and glTF; estimated and reported without a scene",
     )  # fmt: skip
     units: Units = copy(shared.UNITS)
     mode: Literal["room", "object"] | None = input_option(
@@ -167,8 +168,8 @@ class PlanOptions(_SceneOrScans):
         shown=False, parse=numbers(6),
     )  # fmt: skip
     keep_out: tuple[tuple[float, ...], ...] = option(
-        "--keep-out", "Box without stations and ways, metres; repeat it.", (), metavar="X0,Y0,Z0,X1,Y1,Z1",
-        shown=False, is_repeated=True, parse=each(numbers(6)),
+        "--keep-out", "Box that stations and the ways between them avoid, metres; repeat it.", (),
+        metavar="X0,Y0,Z0,X1,Y1,Z1", shown=False, is_repeated=True, parse=each(numbers(6)),
     )  # fmt: skip
     noise: str = copy(shared.NOISE)
     scheduler: str | None = copy(shared.SCHEDULER)

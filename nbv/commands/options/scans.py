@@ -74,12 +74,12 @@ class CompleteOptions(UserOptions):
     )  # fmt: skip
     flatten: bool = option("--flatten", "Remove the ripple of planes, but keep their relief.", False)
     backs: bool = option(
-        "--backs", "Infer the sides that no scan saw: of each thing in the room, by its symmetries.", False
+        "--backs", "Infer the unseen sides of each object in the room from its symmetries.", False
     )
     least: float = copy(shared.LEAST)
     search: Literal["auto", "exact", "budget", "off"] = option(
-        "--texture", "Texture of inferred area: exact search, quicker within a budget, auto by the hidden "
-        "area, or off.", "auto",
+        "--texture", "Search for the texture of inferred area: exact, budget (quicker), auto (chosen by the "
+        "size of the hidden area), or off.", "auto",
     )  # fmt: skip
     exports: tuple[str, ...] = shared.export_option(
         "completed.obj or .e57, drawings as .dxf or .svg, BIM as .ifc", EXPORTS
@@ -149,7 +149,9 @@ class RegisterOptions:
     """Scans to register."""
 
     scans: tuple[str, ...] = argument("SCAN", SCAN_HELP, is_repeated=True)
-    upright: bool = option("--upright", "The scanner stood level: only rotations about the vertical.", False)
+    upright: bool = option(
+        "--upright", "The scanner stood level: search only rotations about the vertical.", False
+    )
     checks: bool = option(
         "--check", "Compute no pose; report how far beams contradict the given poses.", False
     )
@@ -185,10 +187,10 @@ class CheckCommandOptions:
         shown="0.002,0.006 in buildings", parse=parse_registration,
     )  # fmt: skip
     align: Literal["yes", "no"] = option(
-        "--align", "Move all scans together to fit the design; no: a control network holds.", "yes"
+        "--align", "Move all scans together to fit the design; no, if a control network fixes them.", "yes"
     )
     only: tuple[str, ...] = option(
-        "--only", 'Check only elements of such a class or name, like "IfcWall*"; repeat it.', (),
+        "--only", 'Check only elements of this class or name, like "IfcWall*"; repeat it.', (),
         metavar="PATTERN", shown="all", is_repeated=True,
     )  # fmt: skip
     without: tuple[str, ...] = shared.without_option('"IfcWall*", or such a class')
@@ -197,11 +199,11 @@ class CheckCommandOptions:
         limits=NumberRange(least=1e-9, most=100.0),
     )  # fmt: skip
     no_return: Literal["unknown", "free"] = option(
-        "--no-return", "What beams without a return say: nothing, or that their way was free.", "unknown"
+        "--no-return",
+        "Meaning of a beam without a return: unknown space, or free space along the beam.",
+        "unknown",
     )
-    infer: bool = option(
-        "--infer", f"{INFER_HELP}: report what it says of elements that are not measured.", False
-    )
+    infer: bool = option("--infer", f"{INFER_HELP} for elements that are not measured.", False)
     next: int | None = option(
         "--next", "Also plan up to N next stations.", None, metavar="N", shown=False,
         limits=NumberRange(least=1, most=1000),
@@ -250,7 +252,9 @@ class TextureOptions:
     """A hole to fill, or a texture to grow."""
 
     image: str = argument("IMAGE", "PNG, JPEG, WebP or TIFF.")
-    mask: str | None = option("--mask", "Fill where it is not zero.", None, metavar="MASK", shown=False)
+    mask: str | None = option(
+        "--mask", "Image that is not zero at the pixels to fill.", None, metavar="MASK", shown=False
+    )
     grow: tuple[int, int] | None = option(
         "--grow", "Grow a texture of this size.", None, metavar="HxW", shown=False, parse=parse_shape
     )
@@ -258,11 +262,9 @@ class TextureOptions:
         "--window", "Side of the window, pixels, odd.", None, metavar="N", shown="from the sample"
     )
     order: Literal["paper", "window"] = option(
-        "--order", "Order of filling: as in the paper, or one that keeps structure better.", "paper"
+        "--order", "Order of filling: that of the paper, or one that preserves structure better.", "paper"
     )
-    surface: bool = option(
-        "--surface", "Fill shading and texture apart, plain areas as such: with --mask.", False
-    )
+    surface: bool = option("--surface", "Fill shading and texture separately, with --mask.", False)
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""

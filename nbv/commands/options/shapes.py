@@ -87,10 +87,10 @@ class PartOptions:
         "--ignore-labels", "Divide the points anew, even if the file has labels.", False
     )
     preferred: Literal["off", "tell", "impose"] = option(
-        "--preferred", "Round numbers, inch fractions and holes for threads that dimensions may mean.", "tell"
+        "--preferred", "Compare dimensions with round numbers, inch fractions and thread holes.", "tell"
     )
     backs: bool = option(
-        "--backs", "Infer the sides that no scan saw: from mirror planes and axes of the surfaces.", False
+        "--backs", "Infer the unseen sides from mirror planes and axes of the surfaces.", False
     )
     least: float = copy(shared.LEAST)
     flatten: bool = output_option(

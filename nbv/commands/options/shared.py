@@ -28,7 +28,7 @@ AUTO_OFF = ("auto", "off")
 SCENE_HELP = "A mesh file, or builtin:NAME."
 SCAN_HELP = "Files or RGB-D folders; PATH#k for one scan."
 
-INFER_HELP = "Complete the scans, too, and use what is inferred"
+INFER_HELP = "Also complete the scans and use the inferred surface"
 POSE_HELP = "Standard deviation of a pose"
 INFERENCE_HELP = "How far surfaces are continued"
 
@@ -48,8 +48,8 @@ UP = input_option("--up", "Up axis of the file.", None, shown="z; y of GLB and g
 SCAN_UP = input_option("--up", "Up axis of the file; auto: estimated and reported.", "auto")
 UNITS = input_option("--units", "Length unit of the file; `us-ft` is the US survey foot.", "m")
 LEAST = option(
-    "--least", "Probability from which a symmetry counts as inferred surface: for --backs.", 0.8, metavar="P",
-    limits=NumberRange(least=0.5, most=1.0),
+    "--least", "Smallest probability of a symmetry from which surface is inferred, with --backs.", 0.8,
+    metavar="P", limits=NumberRange(least=0.5, most=1.0),
 )  # fmt: skip
 SCHEDULER = run_option(
     "--scheduler", "Address of a dask.distributed scheduler, or local:N for N processes here.", None,
@@ -158,7 +158,7 @@ def relations_option(example: str) -> Any:
 def without_option(example: str) -> Any:
     """Return the option to leave out what has a name."""
     return option(
-        "--without", f"Leave out what has such a name: {example}; repeat it.", (), metavar="PATTERN",
+        "--without", f"Leave out objects with this name: {example}; repeat it.", (), metavar="PATTERN",
         shown=False, is_repeated=True,
     )  # fmt: skip
 

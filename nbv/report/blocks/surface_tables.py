@@ -111,7 +111,7 @@ def _summary(graph: RelationGraph, numbers: Sequence[int], stayed: int) -> str:
     text = (
         f"{count(holding, 'relation', 'relations')} accepted among {count(len(graph.fits), 'surface')} "
         f"({n_rejected} rejected, {n_undecided} undecided). "
-        f"{graph.free} of {graph.unknowns} parameters are still free."
+        f"The relations leave {graph.free} of {graph.unknowns} surface parameters free."
     )
     if graph.moved_sd and max(graph.moved_sd) > 0:
         most = int(np.argmax(graph.moved_sd))

@@ -122,7 +122,7 @@ class ReviewSession:
         """Take the last statement back. Raises InputError: there is none."""
         with self._lock:
             if not self.said:
-                raise InputError("nothing to undo: nothing was said yet")
+                raise InputError("nothing to undo: there is no correction yet")
             self._become(self.said[:-1], [*self.undone, self.said[-1]])
 
     def redo(self) -> None:

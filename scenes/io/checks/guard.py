@@ -61,7 +61,7 @@ def check_file(path: Path, limit: str = "file_bytes") -> Path:
     if stat.S_ISDIR(state.st_mode):
         raise InputError(f"{path}: is a folder, not a file")
     if not stat.S_ISREG(state.st_mode):
-        raise InputError(f"{path}: is a pipe or device, not a file; write what it gives to a file first")
+        raise InputError(f"{path}: is a pipe or device, not a file; write its contents to a file first")
     if state.st_size == 0:
         raise InputError(f"{path}: is empty (0 bytes)")
     check_limit(limit, state.st_size, f"{path}: its bytes")

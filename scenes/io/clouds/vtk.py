@@ -73,7 +73,7 @@ def read_vtk_points(path: Path) -> RawPoints:
 
 
 def _turned(numbers: FloatArray, kind: str) -> FloatArray:
-    """Numbers that were read as big-endian ones of a type, as little-endian ones."""
+    """Swap the bytes of numbers that were read as big-endian `kind` but are little-endian."""
     dtype = np.dtype(_TYPES[kind.lower()])
     with np.errstate(over="ignore", invalid="ignore"):
         return numbers.astype(dtype).view(dtype.newbyteorder("<")).astype(np.float64)

@@ -214,7 +214,7 @@ def one_cloud(read: Callable[[Path], RawPoints]) -> Callable[[Path, int | None],
 
 
 def check_single(number: int | None) -> None:
-    """Raise InputError where another than the first cloud of a file that holds one is asked for."""
+    """Raise InputError unless `number` is None or 1: the file holds a single cloud."""
     if number not in (None, 1):
         raise InputError(f"holds one cloud, so there is no #{number}")
 

@@ -136,7 +136,7 @@ def placed_meshes(content: Content, n_meshes: int) -> dict[int, int]:
         below: list[int] = []
         for number in level:
             if number in seen:
-                raise InputError(f"node {number} hangs on two others, or in a circle")
+                raise InputError(f"node {number} has two parents, or is its own ancestor")
             seen.add(number)
             _check_node(nodes[number], number)
             below += _numbers(nodes[number], "children", f"node {number}", len(nodes))

@@ -176,7 +176,7 @@ def _check_faces(faces: dict[tuple[int, int, bool], tuple[list[int], list[bytes]
             raise InputError(f"line {numbers[0]} is a face whose corners are written in different ways")
         if by_width.setdefault(width, kind) != kind:
             raise InputError(
-                f"line {numbers[0]} is a face written in another way than one before; save it as triangles"
+                f"line {numbers[0]} has a face in another notation than an earlier face; save triangles"
             )
         total += len(numbers) * (n_corners - 2)
         check_limit("faces", total, "its faces")

@@ -53,7 +53,7 @@ def depth_in_metres(counts: FloatArray, encoding: DepthEncoding, scale: float) -
     if encoding == "linear":
         return counts / scale
     if not ((counts >= 0) & (counts <= 65535) & (counts == np.floor(counts))).all():
-        raise InputError(f"{encoding} depth is of 16-bit integers, the image holds others")
+        raise InputError(f"{encoding} depth needs 16-bit integers, but the image has another type")
     words = counts.astype(np.uint16)
     if encoding == "sun3d":
         return np.asarray(((words >> 3) | (words << 13)).astype(np.float64) / scale)

@@ -75,7 +75,7 @@ def _channels(data: bytes) -> list[tuple[str, str]]:
         end = data.index(b"\0", at)
         kind, _, across, down = struct.unpack_from("<4i", data, end + 1)
         if (across, down) != (1, 1):
-            raise InputError("has channels of fewer pixels than others; save it with one value a pixel")
+            raise InputError("has channels of different resolution; save it with one value per pixel")
         channels.append((data[at:end].decode("latin-1"), _KINDS[kind]))
         at = end + 17
     return channels

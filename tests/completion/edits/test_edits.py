@@ -354,9 +354,9 @@ def test_every_edit_survives_its_file(tmp_path):
         (Edit(action="reject", surfaces=((9, 9, 9),)), r"reject\): the surface should be at .* away; was"),
         (Edit(action="reject", surfaces=(Anchor(MEASURED, "cylinder", "surface 1"),)), "surface 1 should "
          r"be at .* and be a cylinder, but there is a plane; was it meant for other scans"),
-        (Edit(action="merge", surfaces=(MEASURED, (0.0, 0.95, 3.0))), "it names is one surface already"),
+        (Edit(action="merge", surfaces=(MEASURED, (0.0, 0.95, 3.0))), "names are one surface already"),
         (Edit(action="split", surfaces=(MEASURED,), cut=Plane((9, 0, 0), (1, 0, 0))), "only 0 of .* pixels"),
-        (Edit(action="split", surfaces=(MEASURED,), cut=[[0, 0, 3], [0, 0, 3.04]]), "its line stands on the"),
+        (Edit(action="split", surfaces=(MEASURED,), cut=[[0, 0, 3], [0, 0, 3.04]]), "line is perpendicular"),
         (Edit(action="end", surfaces=(MEASURED,), cut=[[0, 0, 3], [1, 0, 3.4]]), "point 2 lies 0.40 m off"),
         (Edit(action="opening", surfaces=(MEASURED,), outline=BEHIND_BOARD[[0, 2, 1, 3]]), "crosses itself"),
     ],

@@ -155,8 +155,8 @@ def test_what_no_loop_knows_is_refused():
         form_of(Sphere((0, 0, 0), 1.0))
     seen = observed(CAMERAS["camera"])
     strange = SimpleNamespace(projection=object(), world_from_sensor=POSE)
-    with pytest.raises(TypeError, match="no place can be looked up in a object"):
+    with pytest.raises(TypeError, match="points cannot be projected into a object"):
         sight_of(replace(seen, scan=strange), TOLERANCE)
     unknown = SimpleNamespace(projection=object(), ranges=seen.scan.ranges)
-    with pytest.raises(TypeError, match="no place can be looked up in a object"):
+    with pytest.raises(TypeError, match="points cannot be projected into a object"):
         tiles_of(replace(seen, scan=unknown))

@@ -70,7 +70,7 @@ def test_a_surface_whose_points_miss_it_by_centimetres_is_told_unless_the_noise_
     assert len(completion.warnings) == told
     for text in completion.warnings:
         assert "surface 1 (plane" in text
-        assert "20 mm, 10 times the noise" in text
+        assert "rms 20 mm, 10 times the range noise" in text
         assert text in completion._repr_html_()
     assert completion_record(completion)["warnings"] == list(completion.warnings)
 

@@ -62,7 +62,7 @@ def test_what_is_typed_goes_before_the_file(asked):
 def test_help_shows_the_defaults_of_the_project(asked):
     result, *_ = asked(FILE, "plan", "--help")
     text = " ".join(result.output.split())
-    assert "Largest number of views; cover finds those that see most. [default: 2" in text
+    assert "Largest number of views; --method cover chooses the ones that measure most. [default: 2" in text
 
 
 @pytest.mark.parametrize(

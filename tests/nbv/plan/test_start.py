@@ -75,7 +75,7 @@ def test_a_start_in_a_wall_a_box_or_another_room_is_refused_with_the_nearest_pla
     with pytest.raises(InputError, match="not on floor of a room that is asked for"):
         find_site(scene, SiteOptions(rooms=(1,), start=other[:2]))
     assert len(find_site(scene, SiteOptions(rooms=(2,), start=other[:2])).start)
-    with pytest.raises(InputError, match="lies in what is to be kept out of"):
+    with pytest.raises(InputError, match="lies in a box of --keep-out"):
         plan(SiteOptions(start=START), zones=Zones(None, [Box((1.5, 3.5, 0), (2.5, 4.5, 2.5))]))
     for wrong in ((1.0,), (1.0, np.nan), (1.0, 2.0, np.inf), (1.0, 2.0, 3.0, 4.0)):
         with pytest.raises(InputError, match="start is X,Y or X,Y,Z, finite numbers of metres"):

@@ -83,5 +83,5 @@ def test_a_panorama_scans_all_round():
 
 
 def test_a_pose_needs_a_sensor():
-    with pytest.raises(InputError, match="a pose does not say what scans"):
+    with pytest.raises(InputError, match="a pose has no sensor"):
         scan_scene(square(), AHEAD)

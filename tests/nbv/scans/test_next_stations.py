@@ -158,7 +158,7 @@ def test_the_report_shows_where_to_stand(scan_map, plan):
 def test_what_cannot_be_planned_from_is_refused(scan_map):
     with pytest.raises(InputError, match="views must be at least 1"):
         plan_next_stations(scan_map, SENSOR, views=0)
-    with pytest.raises(InputError, match=r"line_profiler sees a line at a time.*plan with a sensor"):
+    with pytest.raises(InputError, match=r"line_profiler measures one line at a time.*plan with a sensor"):
         check_aperture(load_sensor("line_profiler"))
     scan = scan_scene(ROOM, CORNERS[0], SENSOR, rng=0)
     nothing = replace(scan, ranges=np.full(scan.shape, np.inf), truth=None)

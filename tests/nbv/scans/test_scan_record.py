@@ -69,5 +69,5 @@ def test_what_each_scan_brought_is_what_it_added():
     first, second = record_scans(coverage)
     assert (first.measured_m2, first.met_m2, first.expected_m2) == (15.0, 10.0, None)
     assert (second.measured_m2, second.met_m2) == (7.0, 8.0)
-    assert "settled 9.0" in last_scan_in_words([first, second])[0]
+    assert "achieved 9.0" in last_scan_in_words([first, second])[0]
     assert last_scan_in_words([first]) == []

@@ -127,7 +127,7 @@ def test_a_low_box_is_in_the_way_of_somebody_who_walks_and_a_high_one_is_not():
 
 
 def test_zones_that_leave_nothing_are_refused():
-    with pytest.raises(InputError, match=r"all \d+ candidate positions lie in what is to be kept out of"):
+    with pytest.raises(InputError, match=r"all \d+ candidate positions lie in --keep-out boxes"):
         plan_room("cover", Zones(keep_out=(Box((-1, -1, -1), (9, 9, 9)),)))
     with pytest.raises(
         InputError, match="no surface of two_occluders lies in the region; the scene goes from"

@@ -55,7 +55,7 @@ def test_what_an_encoding_cannot_hold_is_refused(tmp_path: Path) -> None:
     wrong = np.full((12, 24), 0xFFFF, np.uint16)
     with pytest.raises(InputError, match=r"1\.png: kinect-disparity has 11 bits, the image holds 65535"):
         read_scan(folder_of(tmp_path / "b", wrong, depth_encoding="kinect-disparity"))
-    with pytest.raises(InputError, match="sun3d depth is of 16-bit integers, the image holds others"):
+    with pytest.raises(InputError, match="sun3d depth needs 16-bit integers, but the image has another type"):
         depth_in_metres(np.array([[0.5]]), "sun3d", 1000)
 
 

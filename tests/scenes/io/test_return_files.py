@@ -149,7 +149,7 @@ def test_echoes_belong_to_pixels_with_a_return(scan):
         (([2, 1], [2.0, 3.0]), "sorted by their pixels"),
         (([1, 2], [2.0, np.inf]), "ranges of echoes must be finite and above 0"),
         (([1, 2], [2.0, 3.0], [0.1, np.nan]), "intensities of echoes are not finite"),
-        (([1, 5000], [2.0, 3.0]), "echoes reach pixel 5000 of an image of 1280"),
+        (([1, 5000], [2.0, 3.0]), "echoes refer to pixel 5000, but the image has 1280 pixels"),
     ],
 )
 def test_impossible_echoes_are_refused(scan, arrays, message):

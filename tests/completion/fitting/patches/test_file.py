@@ -52,7 +52,7 @@ FAULTS = [
     ({"u0": 3}, 'u0: needs a "surface" and a "join" alone'),
     (side(kind="x"), 'u0: needs a "surface" and a "join" alone'),
     (side(join="smooth"), '"join" is one of connected, tangent, orthogonal, got \'smooth\''),
-    (side(surface=3), 'u0: "surface" is what `unseen fit` wrote'),
+    (side(surface=3), 'u0: "surface" must be the output of `unseen fit`'),
     (side(surface={"shape": "sphere"}), "needs a \"shape\" of plane or cylinder, got 'sphere'"),
     (side(surface={"shape": "plane", "parameters": []}), '"parameters" are an object'),
     (side(surface={"shape": "plane", "point": [0, 0, 0]}), "needs point, normal; 'normal' is missing"),
