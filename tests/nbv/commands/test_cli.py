@@ -701,10 +701,12 @@ def test_doubtful_units_are_warned_of_where_scenes_and_scans_are_used(tmp_path, 
     (tmp_path / "tiny.off").write_text("OFF\n3 1 0\n0 0 0\n0.01 0 0\n0 0.01 0\n3 0 1 2\n")
     aim = ("--at", "0,0,1", "--look", "0,0,0", "--sensor", sensor)
     result = succeed("scan", tmp_path / "tiny.off", *aim, "-o", tmp_path / "a.npz")
-    assert result.stderr.startswith("unseen scan: warning: the diagonal is 0.0141 m; if the file is not in")
+    assert result.stderr.startswith(
+        "unseen scan: warning: the diagonal is 14.1 mm; if that is wrong, --units"
+    )
     quiet = succeed("scan", tmp_path / "tiny.off", *aim, "-o", tmp_path / "a.npz", "-q", "--json")
     assert quiet.stderr == ""
-    assert "give --units" in json.loads(quiet.stdout)["warnings"][0]
+    assert "--units says" in json.loads(quiet.stdout)["warnings"][0]
     empty = succeed("complete", tmp_path / "a.npz", "-o", tmp_path / "out")
     assert "warning: " in empty.stderr
 

@@ -28,7 +28,7 @@ def test_a_scene_is_described(tmp_path: Path) -> None:
     assert told["textures"] == []
     assert not told["has_colour"]
     tiny = describe(tmp_path / "a.stl", units="mm")
-    assert any("give --units" in warning for warning in tiny["warnings"])
+    assert any("--units says the file's unit" in warning for warning in tiny["warnings"])
 
 
 def test_a_builtin_scene_is_described() -> None:
