@@ -64,7 +64,7 @@ class RequirementOptions(Value):
     )
     registration_sd_m: float = option(
         "--registration-sd",
-        "Standard deviation of a station's position, for --max-sd.",
+        "Standard deviation of a pose: of a station's position, for --max-sd.",
         0.0,
         metavar="M",
         limits=NOT_NEGATIVE,
@@ -99,7 +99,9 @@ class SearchOptions(Value):
         limits=NumberRange(least=1),
     )  # fmt: skip
     infer: bool = option(
-        "--infer", "Also complete the scans; inferred surface counts towards the target.", False
+        "--infer",
+        "Also complete the scans and use the inferred surface: it counts towards the target.",
+        False,
     )
     overlap: float | None = option(
         "--overlap",

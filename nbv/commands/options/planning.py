@@ -45,12 +45,12 @@ class ScanOptions:
         parse=numbers(3),
     )  # fmt: skip
     poses: str | None = input_option(
-        "--poses", "File of poses (world from sensor), plan.json or a trajectory, instead of --at and "
-        "--look: one scan per pose; several scans go to .e57 or a folder.", None, metavar="FILE[#k]",
+        "--poses", "Poses, world from sensor, one per scan: a file of poses, plan.json or a trajectory, "
+        "instead of --at and --look; several scans go to .e57 or a folder.", None, metavar="FILE[#k]",
         shown=False,
     )  # fmt: skip
     trajectory: str | None = input_option(
-        "--trajectory", "Times and poses of a moving scanner, instead of --at, --look and --poses; points "
+        "--trajectory", "Times and places of a moving scanner: instead of --at, --look and --poses; points "
         "with times go to .las, .laz or .csv.", None, metavar="FILE", shown=False,
     )  # fmt: skip
     rate_hz: float | None = option(

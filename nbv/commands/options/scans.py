@@ -74,7 +74,7 @@ class CompleteOptions(UserOptions):
     )  # fmt: skip
     flatten: bool = option("--flatten", "Remove the ripple of planes, but keep their relief.", False)
     backs: bool = option(
-        "--backs", "Infer the unseen sides of each object in the room from its symmetries.", False
+        "--backs", "Infer the unseen sides: those of each object in the room from its symmetries.", False
     )
     least: float = copy(shared.LEAST)
     search: Literal["auto", "exact", "budget", "off"] = option(
@@ -203,7 +203,7 @@ class CheckCommandOptions:
         "Meaning of a beam without a return: unknown space, or free space along the beam.",
         "unknown",
     )
-    infer: bool = option("--infer", f"{INFER_HELP} for elements that are not measured.", False)
+    infer: bool = option("--infer", f"{INFER_HELP}: for elements that are not measured.", False)
     next: int | None = option(
         "--next", "Also plan up to N next stations.", None, metavar="N", shown=False,
         limits=NumberRange(least=1, most=1000),

@@ -90,7 +90,7 @@ class PartOptions:
         "--preferred", "Compare dimensions with round numbers, inch fractions and thread holes.", "tell"
     )
     backs: bool = option(
-        "--backs", "Infer the unseen sides from mirror planes and axes of the surfaces.", False
+        "--backs", "Infer the unseen sides: from mirror planes and axes of the surfaces.", False
     )
     least: float = copy(shared.LEAST)
     flatten: bool = output_option(
