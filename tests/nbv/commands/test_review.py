@@ -99,7 +99,7 @@ def test_folders_that_cannot_be_reviewed_are_refused(done, tmp_path):
         restored(tmp_path)
     manifest["inputs"][0]["input"] = "gone.npz"
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match=r"gone\.npz: is not there"):
+    with pytest.raises(InputError, match=r"gone\.npz: does not exist"):
         restored(tmp_path)
 
 

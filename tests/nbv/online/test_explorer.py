@@ -68,7 +68,7 @@ def test_a_loop_that_is_left_keeps_what_was_found() -> None:
             break
     assert len(steps.exploration.scans) == 2
     assert steps.exploration.stopped_because == "the loop was left"
-    with pytest.raises(InputError, match="explores once"):
+    with pytest.raises(InputError, match="can run only once"):
         next(iter(steps))
 
 
