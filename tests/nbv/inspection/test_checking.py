@@ -63,7 +63,8 @@ def test_a_design_with_another_axis_up_than_its_scans_is_refused_with_the_axis(t
     scans = [scanned(design, (1.2, 1.2, 1.4), n_pixels=4000)]
     given = GivenScans(tuple(scans), (), ())
     with pytest.raises(
-        InputError, match=r"y: the up axes of the scans and .* with z of its file up, 100% with y; give --up y"
+        InputError,
+        match=r"y: the up axes of the scans and .* with z of its file up, 100% with y; give --up y",
     ):
         in_frame_of(open_design(str(tmp_path / "y.obj")), given)
     for file, up in (("z.obj", None), ("y.obj", "y")):
