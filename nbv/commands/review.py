@@ -25,6 +25,8 @@ from nbv.report.review.session import ReviewSession, document_of, open_scans
 from nbv.run.manifest import read_inputs
 from nbv.scanning.sensor_profile import load_sensor
 from scenes.checks import InputError
+from scenes.io.checks.documents import read_json
+from scenes.io.checks.guard import guard_reading
 from scenes.run.atomic import make_folder, write_json
 from scenes.run.journal import FileJournal
 
@@ -37,7 +39,7 @@ _WORDS = ("auto", "off", None)  # what they are where they are no files
 
 def run_review(shared: Shared, asked: ReviewOptions) -> None:
     """Serve the page until interrupted."""
-    with start_run("review", shared, default=str(asked.folder), is_folder=True, writes=False) as run:
+    with start_run("review", shared, default=".", is_folder=True, writes=False) as run:
         folder = Path(asked.folder)
         run.watch.enter("load")
         how = restored(folder)
@@ -72,14 +74,21 @@ def restored(folder: Path) -> CompleteOptions:
     file = folder / "manifest.json"
     if not file.is_file():
         raise InputError(f"{folder}: holds no finished completion; run `unseen complete SCAN -o {folder}`")
-    manifest: Mapping[str, Any] = json.loads(file.read_text("utf-8"))
+    with guard_reading(file, "a manifest of `unseen complete` (JSON)"):
+        manifest = read_json(file, dict)
     if manifest.get("command") != "complete":
         raise InputError(
             f"{folder}: was written by `unseen {manifest.get('command')}`; review opens completions"
         )
-    known, inputs = manifest["options"], manifest["inputs"]
+    with guard_reading(file, "a manifest of `unseen complete` (JSON)"):
+        inputs = list(manifest["inputs"])
+        how = _options_of(manifest["options"], [str(entry["input"]) for entry in inputs])
     _check_inputs(folder, inputs)
-    named = [str(entry["input"]) for entry in inputs]
+    return how
+
+
+def _options_of(known: Mapping[str, Any], named: list[str]) -> CompleteOptions:
+    """The options of a manifest; `named` are its inputs: scans, then the other files that there are."""
     n_scans = len(known["scans"])
     values: dict[str, Any] = {"scans": tuple(named[:n_scans])}
     rest = iter(named[n_scans:])
@@ -87,12 +96,8 @@ def restored(folder: Path) -> CompleteOptions:
         values[name] = known[name] if known[name] in _WORDS else next(rest)
     values["search"] = known["search"] if known["texture"] else "off"
     read = {entry.name for entry in fields(ReadOptions)}
-    for name in ({entry.name for entry in fields(CompleteOptions)} | read) - {
-        *values,
-        "read",
-        "scheduler",
-        "texture",
-    }:
+    mine = {entry.name for entry in fields(CompleteOptions)} - {"read", "scheduler", "texture"}
+    for name in (mine | read) - {*values}:
         if name in known:
             values[name] = _tuples(known[name])
     return CompleteOptions(

@@ -26,7 +26,8 @@ from completion.export.building.faces import (
     union,
     wide,
 )
-from completion.export.building.model import BuildingModel, RoomPlan
+from completion.export.building.model import BuildingModel
+from completion.export.building.room_plans import RoomPlan
 from scenes.checks import FloatArray, Value
 
 

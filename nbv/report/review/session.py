@@ -28,6 +28,8 @@ from completion.relations.relation import relation_record, scan_relations_of
 from completion.result.completion import Completion
 from nbv.report.review.consequence import Consequence, compare
 from scenes.checks import InputError
+from scenes.io.checks.documents import read_json
+from scenes.io.checks.guard import guard_reading
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.run.journal import NO_JOURNAL, Journal, pack
@@ -87,8 +89,9 @@ class ReviewSession:
     def __post_init__(self) -> None:
         """Go on with the history of an earlier session, if there is one."""
         if self.file.exists():
-            held = json.loads(self.file.read_text("utf-8"))
-            self.said, self.undone = list(held["said"]), list(held["undone"])
+            with guard_reading(self.file, "the history of a review (JSON); move it away to begin anew"):
+                held = read_json(self.file, dict)
+                self.said, self.undone = (_statements(held[name]) for name in ("said", "undone"))
 
     @property
     def completion(self) -> Completion:
@@ -249,6 +252,12 @@ class _Extended:
 
     def offer(self, name: str, work: Callable[[], object]) -> None:
         """Do nothing: `step` will."""
+
+
+def _statements(held: object) -> list[Statement]:
+    if not isinstance(held, list) or not all(isinstance(one, dict) for one in held):
+        raise InputError("what was said is a list of objects")
+    return held
 
 
 def _digest(value: object) -> str:

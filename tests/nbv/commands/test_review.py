@@ -8,12 +8,14 @@ import urllib.request
 import numpy as np
 import pytest
 
+from completion.options import CompletionOptions
 from nbv.commands import review as command
 from nbv.commands.complete import run_complete
 from nbv.commands.options.scans import CompleteOptions, ReviewOptions
 from nbv.commands.options.shared import ReadOptions, Shared
 from nbv.commands.process import start_run
 from nbv.commands.review import EDITS, open_session, restored, save
+from nbv.report.review.session import open_scans
 from scenes.checks import InputError
 from scenes.io.scan_files import write_scan
 from tests.nbv.report.review.conftest import make_scan
@@ -126,3 +128,27 @@ def test_the_command_serves_until_it_is_interrupted(done, monkeypatch, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["address"] == found["http"]
     assert found["state"]["title"] == "one.npz"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "manifest.json: .*JSON"),
+        ("[]", "manifest.json"),
+        ('{"command": "complete"}', "manifest.json: .*inputs"),
+        ('{"command": "complete", "inputs": [{"input": "a"}], "options": {"scans": 3}}', "manifest.json"),
+    ],
+)
+def test_a_damaged_manifest_is_refused_in_a_sentence(tmp_path, text, told):
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(InputError, match=told):
+        restored(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["{", '{"said": 3, "undone": []}', '{"said": [1], "undone": []}', "NaN", ""])
+def test_a_damaged_history_is_refused_and_stays(tmp_path, text):
+    scan = make_scan()
+    (tmp_path / "history.json").write_text(text)
+    with pytest.raises(InputError, match=r"history\.json"):
+        open_scans([scan], CompletionOptions(texture=False), tmp_path / "history.json")
+    assert (tmp_path / "history.json").read_text() == text
