@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from werkzeug.test import Client
 
-from nbv.report.review.asking import distance_between, facts_of, surface_at
+from nbv.report.review.asking import distance_between, facts_of, hidden_box, surface_at
 from nbv.report.review.session import document_of
 from nbv.report.viewer.encoding import decoded_header
 from tests.nbv.report.review.test_session import reject, wall_of
@@ -167,7 +167,13 @@ def test_a_distance_has_the_interval_of_the_surfaces_at_its_ends(server):
     assert facts_of(completion, wall)["sd_mm"] > 0
 
 
-def test_the_next_station_sees_what_is_hidden(client, server):
+def test_the_next_station_looks_at_what_is_hidden(client, server):
     completion = server.session.completion
-    found = post(client, server, "stand", surface=wall_of(completion)).json
-    assert found["why_none"] or found["gain_m2"] > 0
+    wall = wall_of(completion)
+    found = post(client, server, "stand", surface=wall).json
+    assert found["why_none"] == ""
+    assert found["gain_m2"] > 0.05
+    middle = hidden_box(completion, wall).mean(axis=0)
+    assert (middle - found["place"]) @ found["direction"] > 0.5
+    nowhere = post(client, server, "stand", surface=99)
+    assert nowhere.status_code == 422
